@@ -1,0 +1,52 @@
+# The two commands: `make demo` and `make test`. Both do all the set-up; see README.md.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.installed
+
+.PHONY: demo test check lint types format long bench fuzz schema wheel clean
+
+$(STAMP): pyproject.toml
+	$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "nebosvod needs Python 3.11 or newer, this is " + sys.version.split()[0] + "; try: make PYTHON=python3.12")'
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --upgrade pip
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
+	touch $(STAMP)
+
+demo: $(STAMP)
+	$(BIN)/nebosvod run apophis-2029 --overwrite
+
+test: $(STAMP)
+	$(BIN)/pytest -m 'not long'
+
+lint: $(STAMP)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+format: $(STAMP)
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+types: $(STAMP)
+	$(BIN)/python tools/link_types.py
+	$(BIN)/mypy
+
+check: lint types test
+
+long: $(STAMP)
+	$(BIN)/pytest -m long
+
+bench: $(STAMP)
+	@for script in benchmarks/*.py; do echo "== $$script"; $(BIN)/python $$script || exit 1; done
+
+fuzz: $(STAMP)
+	NEBOSVOD_FUZZ_CASES=100000 $(BIN)/pytest tests/nebosvod/test_fuzz.py
+
+schema: $(STAMP)
+	$(BIN)/nebosvod schema > scenarios/nebosvod.schema.json
+
+wheel: $(STAMP)
+	$(BIN)/python -m build --wheel
+
+clean:
+	rm -rf $(VENV) build dist *.egg-info

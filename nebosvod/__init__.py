@@ -1,0 +1,23 @@
+"""nebosvod: orbit determination of asteroids watched by space telescopes.
+
+Importing this package loads nothing heavy; `load_mission`, `run` and `Result` come when first used.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from nebosvod.mission import load_mission
+    from nebosvod.result import Result
+    from nebosvod.pipeline import run
+
+__version__ = "0.1.0"
+__all__ = ["Result", "__version__", "load_mission", "run"]
+
+_HOME = {"load_mission": "nebosvod.mission", "run": "nebosvod.pipeline", "Result": "nebosvod.result"}
+
+
+def __getattr__(name: str) -> Any:
+    if name in _HOME:
+        return getattr(import_module(_HOME[name]), name)
+    raise AttributeError(f"module 'nebosvod' has no attribute {name!r}")

@@ -1,0 +1,59 @@
+"""Every exception nebosvod raises, and the exit code a program should end with.
+
+A message says where, what was found, what is allowed and what to do next. Wrong input raises; a
+numerical failure inside a run is a status of the result, not an exception.
+"""
+
+
+class NebosvodError(Exception):
+    """Base of all errors of this package."""
+
+    exit_code = 4
+
+
+class InputError(NebosvodError, ValueError):
+    """Something the user wrote cannot be used; the message names file, line and field."""
+
+    exit_code = 2
+
+
+class CoverageError(InputError):
+    """An epoch lies outside what a table or an ephemeris covers; the message gives the span."""
+
+
+class GeometryError(NebosvodError):
+    """The measurements do not determine what was asked for.
+
+    Parameters
+    ----------
+    message : the sentence for the user.
+    rank : numerical rank of the whitened problem, if known.
+    weak_direction : parameter names with their weights in the worst determined combination.
+    """
+
+    exit_code = 1
+
+    def __init__(
+        self, message: str, *, rank: int | None = None, weak_direction: dict[str, float] | None = None
+    ) -> None:
+        super().__init__(message)
+        self.rank = rank
+        self.weak_direction = dict(weak_direction or {})
+
+
+class EventError(NebosvodError):
+    """The physics ended the run early: an impact, or a start below a body's surface."""
+
+    exit_code = 1
+
+
+class DataError(NebosvodError):
+    """Data the program needs is missing or damaged; the message names the file, body and span."""
+
+    exit_code = 3
+
+
+class OutputError(NebosvodError):
+    """A result cannot be written: disk, permission, or a run folder that is in use or exists."""
+
+    exit_code = 3

@@ -1,0 +1,151 @@
+"""Epochs: two-part TDB Julian dates, read from and written to text, and UTC by the leap-second table.
+
+Inside nebosvod a time is float64 TDB seconds after an `Epoch`; this module is the only place where
+other scales exist. UTC uses erfa's leap-second table; after its last entry TAI - UTC stays as it is
+(37 s), and erfa's "dubious year" warning about that is silenced here and nowhere else. TDB - TT is
+erfa's `dtdb` at the geocentre (Fairhead and Bretagnon 1990, good to 10 us).
+"""
+
+import math
+import re
+import warnings
+from dataclasses import dataclass
+from typing import Literal
+
+import erfa
+import numpy as np
+import numpy.typing as npt
+
+from nebosvod.errors import InputError
+
+SECONDS_PER_DAY = 86400.0
+Scale = Literal["tdb", "tt", "utc"]
+SCALES: tuple[Scale, ...] = ("tdb", "tt", "utc")
+HINT = 'say the scale, for example "2028-11-15T00:00:00 TDB", "2028-11-15 UTC" or "2459215.5 JD TDB"'
+
+_CALENDAR = re.compile(r"(\d{4})-(\d{2})-(\d{2})(?:[T ](\d{2}):(\d{2})(?::(\d{2}(?:\.\d+)?))?)?")
+_JULIAN = re.compile(r"(\d+)(\.\d*)? (JD|MJD)")
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Epoch:
+    """A moment as a two-part TDB Julian date: day number (ends in .5) and fraction of the day in [0, 1)."""
+
+    day: float
+    fraction: float
+
+    @classmethod
+    def from_jd(cls, jd1: float, jd2: float = 0.0, scale: Scale = "tdb") -> "Epoch":
+        """Make an epoch from a two-part Julian date in `scale`; the parts may be split anyhow."""
+        if not (math.isfinite(jd1) and math.isfinite(jd2)):
+            raise InputError(f"epoch: Julian date {jd1} + {jd2} is not finite")
+        if scale != "tdb":
+            jd1, jd2 = (float(part) for part in _to_tdb(jd1, jd2, scale))
+        day = math.floor(jd1 - 0.5) + 0.5
+        fraction = (jd1 - day) + jd2
+        whole = math.floor(fraction)
+        return cls(day + whole, fraction - whole)
+
+    @classmethod
+    def parse(cls, text: str) -> "Epoch":
+        """Read `2028-11-15T00:00:00 TDB`, `2028-11-15 UTC`, `2459215.5 JD TDB` or `59215.0 MJD TT`.
+
+        Raises
+        ------
+        InputError
+            If the scale is missing, the form is not one of these, or the date does not exist.
+        """
+        body, _, last = text.strip().rpartition(" ")
+        scale = last.lower()
+        if scale not in SCALES or not body:
+            raise InputError(f'epoch "{text}" has no time scale (allowed: TDB, TT, UTC); {HINT}')
+        julian = _JULIAN.fullmatch(body)
+        if julian:
+            whole, part, kind = julian.groups()
+            if len(whole) > 9:
+                raise InputError(f'epoch "{text}" is out of any calendar; {HINT}')
+            return cls.from_jd(float(whole) + (2400000.5 if kind == "MJD" else 0.0), float("0" + (part or ".0")), scale)
+        calendar = _CALENDAR.fullmatch(body)
+        if not calendar:
+            raise InputError(f'epoch "{text}" is neither a calendar date nor a Julian date; {HINT}')
+        return cls._from_calendar(text, calendar, scale)
+
+    @classmethod
+    def _from_calendar(cls, text: str, match: re.Match[str], scale: Scale) -> "Epoch":
+        """Build the epoch from the groups of a calendar date, checking that the date exists."""
+        year, month, day = (int(match[i]) for i in (1, 2, 3))
+        hour, minute, second = int(match[4] or 0), int(match[5] or 0), float(match[6] or 0.0)
+        if hour > 23 or minute > 59 or second >= 61.0:
+            raise InputError(f'epoch "{text}": no such time of day')
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", erfa.ErfaWarning)
+            try:
+                jd1, jd2 = erfa.dtf2d(scale.upper(), year, month, day, hour, minute, second)
+                back = erfa.d2dtf(scale.upper(), 3, jd1, jd2)
+            except erfa.ErfaError as error:
+                raise InputError(f'epoch "{text}": no such date ({error})') from None
+        if second >= 60.0 and int(back[3]["s"]) != 60:
+            raise InputError(f'epoch "{text}": there was no leap second at this time')
+        return cls.from_jd(float(jd1), float(jd2), scale)
+
+    def __add__(self, seconds: float) -> "Epoch":
+        """The epoch `seconds` of TDB later."""
+        return Epoch.from_jd(self.day, self.fraction + seconds / SECONDS_PER_DAY)
+
+    def __sub__(self, other: "Epoch") -> float:
+        """TDB seconds from `other` to this epoch."""
+        return ((self.day - other.day) + (self.fraction - other.fraction)) * SECONDS_PER_DAY
+
+    @property
+    def jd_tdb(self) -> float:
+        """Julian date TDB in one float64 (40 us coarse): for display and coarse comparison only."""
+        return self.day + self.fraction
+
+    def iso(self, scale: Scale = "tdb", digits: int = 3) -> str:
+        """Calendar text such as `2028-11-15T00:00:00.000 TDB`, rounded to `digits` decimals of a second."""
+        jd1, jd2 = (self.day, self.fraction) if scale == "tdb" else _from_tdb(self.day, self.fraction, scale)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", erfa.ErfaWarning)
+            year, month, day, time = erfa.d2dtf(scale.upper(), digits, jd1, jd2)
+        hour, minute, second, fraction = (int(time[key]) for key in ("h", "m", "s", "f"))
+        tail = f".{fraction:0{digits}d}" if digits > 0 else ""
+        stamp = f"{int(year):04d}-{int(month):02d}-{int(day):02d}T{hour:02d}:{minute:02d}:{second:02d}{tail}"
+        return f"{stamp} {scale.upper()}"
+
+    def __str__(self) -> str:
+        return self.iso()
+
+
+def utc_jd(epoch: Epoch, t_s: npt.ArrayLike) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """Two-part UTC Julian dates (erfa's quasi-JD) of times `t_s` (n,) in TDB seconds after `epoch`."""
+    t = np.asarray(t_s, dtype=np.float64)
+    return _from_tdb(np.full(t.shape, epoch.day), epoch.fraction + t / SECONDS_PER_DAY, "utc")
+
+
+def _tdb_minus_tt(jd1: npt.ArrayLike, jd2: npt.ArrayLike) -> npt.NDArray[np.float64]:
+    """TDB - TT in seconds at the geocentre; the argument may be in either scale."""
+    offset: npt.NDArray[np.float64] = erfa.dtdb(jd1, jd2, 0.0, 0.0, 0.0, 0.0)
+    return offset
+
+
+def _to_tdb(jd1: float, jd2: float, scale: Scale) -> tuple[float, float]:
+    """Two-part date in `scale` -> TDB."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", erfa.ErfaWarning)
+        if scale == "utc":
+            jd1, jd2 = erfa.taitt(*erfa.utctai(jd1, jd2))
+        tdb: tuple[float, float] = erfa.tttdb(jd1, jd2, _tdb_minus_tt(jd1, jd2))
+    return tdb
+
+
+def _from_tdb(
+    jd1: npt.ArrayLike, jd2: npt.ArrayLike, scale: Scale
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """Two-part TDB date -> `scale`."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", erfa.ErfaWarning)
+        date: tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]
+        date = erfa.tdbtt(jd1, jd2, _tdb_minus_tt(jd1, jd2))
+        if scale == "utc":
+            date = erfa.taiutc(*erfa.tttai(*date))
+    return date
