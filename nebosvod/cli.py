@@ -1,0 +1,195 @@
+"""The command line: arguments -> functions -> exit code. No numerics; heavy modules load only in the commands that need them.
+
+Exit codes: 0 done; 1 finished, but a quality gate failed (no convergence, not observable, nothing visible);
+2 wrong input; 3 environment (missing data, disk, permission, folder in use); 4 internal error (a crash
+file is written); 130 interrupted.
+"""
+
+import json
+import os
+import signal
+import sys
+import tempfile
+import traceback
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, NoReturn
+
+import click
+
+from nebosvod import __version__
+from nebosvod.errors import InputError, NebosvodError
+
+EXIT_QUALITY, EXIT_INPUT, EXIT_INTERNAL, EXIT_INTERRUPTED = 1, 2, 4, 130
+CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
+
+
+@click.group(context_settings=CONTEXT)
+@click.version_option(__version__, prog_name="nebosvod")
+@click.option("--debug", is_flag=True, help="Show a Python traceback when something fails.")
+def app(debug: bool) -> None:
+    """Orbit determination of asteroids watched by space telescopes.
+
+    Write one YAML mission; get how well the orbit and its predictions are known, and which uncertainty is
+    to blame for how much. A first run:
+
+    \b
+        nebosvod missions                 what comes built in
+        nebosvod run apophis-2029         run one; prints the answer and where the report is
+        nebosvod init my.yaml             a commented mission to start your own from
+        nebosvod check my.yaml            is it right, and what will it cost? (runs nothing)
+
+    Exit codes: 0 done, 1 finished but not trustworthy (not observable, not converged, nothing visible),
+    2 wrong input, 3 missing data, disk or permission, 4 internal error, 130 interrupted.
+    """
+
+
+@app.command()
+@click.argument("mission")
+@click.option("-o", "--output", type=click.Path(path_type=Path), help="Run folder [default: ./<mission name>-run].")
+@click.option("--seed", type=click.IntRange(0, 2**63 - 1), default=0, show_default=True, help="Seed of the simulation.")
+@click.option("--overwrite", is_flag=True, help="Replace an earlier run in the same folder.")
+@click.option("--json", "as_json", is_flag=True, help="Print summary.json, and nothing else, on stdout.")
+def run(mission: str, output: Path | None, seed: int, overwrite: bool, as_json: bool) -> int:
+    """Run MISSION (a file or a built-in name) and write its run folder and report.
+
+    \b
+    Example:  nebosvod run apophis-2029 -o apophis --seed 1
+    """
+    from nebosvod.mission import load_mission
+    from nebosvod.result import RunFolder, default_folder
+
+    loaded = load_mission(mission)
+    folder = output if output is not None else default_folder(loaded.name)
+    with RunFolder(folder, overwrite=overwrite) as target:
+        from nebosvod.pipeline import run as run_mission
+
+        result = run_mission(loaded, seed=seed, progress=_progress())
+        target.publish(result)
+    if as_json:
+        click.echo(result.summary_text(), nl=False)
+    else:
+        from nebosvod.answer import print_answer
+
+        print_answer(result.summary, folder)
+    return EXIT_QUALITY if result.failed else 0
+
+
+@app.command()
+@click.argument("mission")
+def check(mission: str) -> int:
+    """Validate MISSION, print what it resolves to and what it will cost; run nothing."""
+    from nebosvod.mission import load_mission
+    from nebosvod.resolved import describe
+
+    click.echo(describe(load_mission(mission)))
+    return 0
+
+
+@app.command()
+@click.argument("path", type=click.Path(path_type=Path))
+def init(path: Path) -> int:
+    """Write a commented mission to PATH (a new .yaml file) to start from."""
+    from nebosvod.mission import template_text
+    from nebosvod.result import write_new_text
+
+    if path.suffix not in (".yaml", ".yml"):
+        raise InputError(f"{path}: a mission file ends in .yaml; try: nebosvod init {path}.yaml")
+    write_new_text(path, template_text(path.stem))
+    click.echo(f"wrote {path}\nnext: edit it, then  nebosvod check {path}  and  nebosvod run {path}")
+    return 0
+
+
+@app.command()
+def missions() -> int:
+    """List the built-in missions."""
+    from nebosvod.mission import list_missions
+
+    rows = list_missions()
+    width = max(len(name) for name, _ in rows)
+    for name, title in rows:
+        click.echo(f"{name:<{width}}  {title}")
+    return 0
+
+
+@app.command()
+@click.argument("folder", type=click.Path(path_type=Path))
+def report(folder: Path) -> int:
+    """(Re)make report.html of the run in FOLDER, from the files of the run alone."""
+    from nebosvod.result import rewrite_report
+
+    click.echo(f"report: {rewrite_report(folder)}")
+    return 0
+
+
+@app.command()
+def schema() -> int:
+    """Print the JSON Schema of the mission file."""
+    from nebosvod.mission import mission_schema
+
+    click.echo(json.dumps(mission_schema(), indent=2, ensure_ascii=False))
+    return 0
+
+
+def _progress() -> Callable[[str], None]:
+    """A function that shows one line of progress on stderr, if that is a terminal; else says nothing."""
+    if not sys.stderr.isatty():
+        return lambda message: None
+    return lambda message: click.echo(f"  {message}", err=True)
+
+
+def _crash_file(argv: Sequence[str]) -> Path | None:
+    """Write the traceback of the current exception to a new file; None if even that fails."""
+    try:
+        handle, name = tempfile.mkstemp(prefix="nebosvod-crash-", suffix=".txt")
+        with os.fdopen(handle, "w", encoding="utf-8", errors="backslashreplace") as file:
+            file.write(f"nebosvod {__version__}\nargv: {list(argv)}\nPython {sys.version}\n\n{traceback.format_exc()}")
+    except OSError:
+        return None
+    return Path(name)
+
+
+def _interrupt(signum: int, frame: object) -> NoReturn:
+    """SIGTERM is handled like Ctrl-C, so that nothing half-written is left."""
+    raise KeyboardInterrupt
+
+
+def _invoke(argv: Sequence[str]) -> int:
+    """Run click without its own exits; the command's return value is the exit code."""
+    code: Any = app.main(args=list(argv), prog_name="nebosvod", standalone_mode=False)
+    return code if isinstance(code, int) else 0
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the program on `argv` (default: the command line) and return its exit code."""
+    argv = sys.argv[1:] if argv is None else argv
+    debug = "--debug" in argv
+    try:
+        before = signal.signal(signal.SIGTERM, _interrupt)
+    except ValueError:  # not in the main thread: signals are the host program's business
+        before = None
+    try:
+        return _invoke(argv)
+    except NebosvodError as error:
+        if debug:
+            raise
+        click.echo(f"error: {error}" if "\n" not in str(error) else str(error), err=True)
+        return error.exit_code
+    except click.ClickException as error:
+        error.show()
+        return EXIT_INPUT
+    except (KeyboardInterrupt, click.Abort):
+        click.echo("interrupted; nothing half-written is left", err=True)
+        return EXIT_INTERRUPTED
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except Exception:  # noqa: BLE001  the last resort: a file instead of a traceback
+        if debug:
+            raise
+        path = _crash_file(argv)
+        click.echo(f"internal error in nebosvod {__version__}; details: {path}; please report it", err=True)
+        return EXIT_INTERNAL
+    finally:
+        if before is not None:
+            signal.signal(signal.SIGTERM, before)

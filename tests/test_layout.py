@@ -1,0 +1,78 @@
+"""The house: package list, direction of imports, and what the lint cannot hold."""
+
+import ast
+import tomllib
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+STAGES = ("dynamics", "observation", "estimation", "nebosvod")
+LEAVES = ("nebosvod.errors", "nebosvod.timescale")
+MAY_IMPORT = {
+    "dynamics": {"dynamics"},
+    "observation": {"dynamics", "observation"},
+    "estimation": {"estimation"},
+    "nebosvod": {"dynamics", "observation", "estimation", "scenarios", "nebosvod"},
+}
+CODE = [path for stage in STAGES for path in sorted((ROOT / stage).rglob("*.py"))]
+
+
+def imported_names(path: Path) -> set[str]:
+    """Every module of this project that a file imports, also inside functions and under TYPE_CHECKING."""
+    names: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            names |= {f"{node.module}.{alias.name}" for alias in node.names} | {node.module}
+    return {name for name in names if name.split(".")[0] == "nebosvod"}
+
+
+def stage_of(name: str) -> str:
+    """The stage a module name belongs to."""
+    parts = name.split(".")
+    return parts[1] if len(parts) > 1 and parts[1] in (*STAGES, "scenarios") else "nebosvod"
+
+
+@pytest.mark.smoke
+def test_package_list_equals_the_folders_with_an_init_file() -> None:
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["tool"]["setuptools"]
+    folders = {
+        path.parent.relative_to(ROOT).as_posix()
+        for top in (*STAGES, "scenarios")
+        for path in (ROOT / top).rglob("__init__.py")
+    }
+    names = {f if f.split("/")[0] == "nebosvod" else f"nebosvod/{f}" for f in folders}
+    assert set(settings["packages"]) == {name.replace("/", ".") for name in names}
+    assert set(settings["package-dir"].values()) == folders
+
+
+@pytest.mark.parametrize("path", CODE, ids=lambda path: path.relative_to(ROOT).as_posix())
+def test_imports_go_one_way_from_left_to_right(path: Path) -> None:
+    stage = path.relative_to(ROOT).parts[0]
+    for name in imported_names(path):
+        leaf = any(name == known or name.startswith(known + ".") for known in LEAVES)
+        assert leaf or name == "nebosvod" or stage_of(name) in MAY_IMPORT[stage], f"{path} imports {name}"
+
+
+@pytest.mark.parametrize("leaf", ["errors", "timescale"])
+def test_leaves_import_no_stage(leaf: str) -> None:
+    assert imported_names(ROOT / "nebosvod" / f"{leaf}.py") <= {"nebosvod.errors", "nebosvod.errors.InputError"}
+
+
+def test_no_module_is_longer_than_600_lines() -> None:
+    long = {path.name: count for path in CODE if (count := len(path.read_text("utf-8").splitlines())) > 600}
+    assert not long
+
+
+def test_no_function_is_longer_than_60_lines_of_code() -> None:
+    long = []
+    for path in CODE:
+        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            if isinstance(node, ast.FunctionDef):
+                body = node.body[1:] if ast.get_docstring(node) else node.body
+                length = body[-1].end_lineno - body[0].lineno + 1 if body else 0  # type: ignore[operator]
+                if length > 60:
+                    long.append(f"{path.relative_to(ROOT)}:{node.name} {length}")
+    assert not long
