@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from nebosvod.mission import load_mission
-    from nebosvod.result import Result
     from nebosvod.pipeline import run
+    from nebosvod.result import Result
 
 __version__ = "0.1.0"
 __all__ = ["Result", "__version__", "load_mission", "run"]

@@ -1,4 +1,6 @@
-"""The command line: arguments -> functions -> exit code. No numerics; heavy modules load only in the commands that need them.
+"""The command line: arguments -> functions -> exit code.
+
+No numerics here, and heavy modules load only in the commands that need them.
 
 Exit codes: 0 done; 1 finished, but a quality gate failed (no convergence, not observable, nothing visible);
 2 wrong input; 3 environment (missing data, disk, permission, folder in use); 4 internal error (a crash
@@ -184,7 +186,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
-    except Exception:  # noqa: BLE001  the last resort: a file instead of a traceback
+    except Exception:  # the last resort: a file instead of a traceback
         if debug:
             raise
         path = _crash_file(argv)

@@ -1,4 +1,4 @@
-"""What a run leaves behind: `Result` in memory, the run folder on disk, and how one becomes the other whole or not at all.
+"""What a run leaves behind: `Result` in memory, the run folder on disk, one becoming the other whole or not at all.
 
 A run folder is written beside its place under a hidden name and renamed when complete, under a lock that the
 operating system drops if the process dies: a killed run leaves the last whole result untouched.
