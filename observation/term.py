@@ -1,0 +1,128 @@
+"""What a source of uncertainty does to the measurements, as plain arrays: the language estimation is fed in.
+
+Three shapes cover every kind: parameters common to many measurements, a fresh draw at each measurement, and a chain of
+draws correlated in time, in state-space form so that its cost stays linear in the number of epochs. A term can draw
+its own truth, by the same numbers that describe it to the estimator.
+"""
+
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+import numpy.typing as npt
+
+from nebosvod.errors import InputError
+from nebosvod.observation.contracts import Array
+
+Treatment = Literal["fixed", "ignored", "considered", "estimated"]
+Rows = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Common:
+    """Constant parameters shared by many measurements.
+
+    Attributes
+    ----------
+    name : the source in the error budget.
+    names : names of the k parameters.
+    H : (n, 2, k) partials of (cos Dec dRA, dDec) by them, over all rows of the observation.
+    displacement : (n, 3, k) km, ICRF, how they move the telescope; None where they do not act through its position.
+    covariance : (k, k); mean : (k,) their assumed mean.
+    """
+
+    name: str
+    names: tuple[str, ...]
+    H: Array
+    displacement: Array | None
+    covariance: Array
+    mean: Array
+    treatment: Treatment
+
+    def draw(self, rng: np.random.Generator, count: int = 1) -> Array:
+        """Independent truths (count, k)."""
+        return self.mean + rng.standard_normal((count, self.mean.size)) @ root(self.covariance).T
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class White:
+    """A fresh, independent draw at each measurement it touches.
+
+    Attributes
+    ----------
+    rows : (r,) the measurements it touches.
+    H : (r, 2, q); displacement : (r, 3, q) km or None, as in `Common`.
+    names : names of the q components.
+    Q : (r, q, q) covariance of each draw.
+    """
+
+    name: str
+    names: tuple[str, ...]
+    rows: Rows
+    H: Array
+    displacement: Array | None
+    Q: Array
+    treatment: Treatment
+
+    def draw(self, rng: np.random.Generator, count: int = 1) -> Array:
+        """Independent truths (count, r, q)."""
+        normal = rng.standard_normal((count, *self.Q.shape[:2], 1))
+        return (root(self.Q) @ normal)[..., 0]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Markov:
+    """A chain z_i = F_i z_(i-1) + w_i, cov(w_i) = Q_i, over the rows it touches, in time order.
+
+    Attributes
+    ----------
+    rows : (r,) the measurements it touches, by time.
+    H : (r, 2, q); displacement : (r, 3, q) km or None, as in `Common`.
+    F, Q : (r, q, q) transition into row i and its step noise, which may be singular or zero; F[0], Q[0] are unused.
+    P0 : (q, q) covariance at the first row.
+    """
+
+    name: str
+    names: tuple[str, ...]
+    rows: Rows
+    H: Array
+    displacement: Array | None
+    F: Array
+    Q: Array
+    P0: Array
+    treatment: Treatment
+
+    def draw(self, rng: np.random.Generator, count: int = 1) -> Array:
+        """Independent truths (count, r, q)."""
+        normal = rng.standard_normal((count, *self.Q.shape[:2]))
+        factor = root(self.Q)
+        chain = np.empty_like(normal)
+        chain[:, 0] = normal[:, 0] @ root(self.P0).T
+        for i in range(1, self.rows.size):
+            chain[:, i] = chain[:, i - 1] @ self.F[i].T + normal[:, i] @ factor[i].T
+        return chain
+
+
+Term = Common | White | Markov
+
+
+def check_treatment(name: str, treatment: str) -> None:
+    """Raise InputError unless `treatment` is one of the four."""
+    if treatment not in get_args(Treatment):
+        raise InputError(f"{name}: treatment must be one of {', '.join(get_args(Treatment))} (got {treatment})")
+
+
+def root(covariance: Array) -> Array:
+    """Symmetric square roots (..., q, q) of covariances that may be singular.
+
+    Raises
+    ------
+    InputError
+        If a covariance has an eigenvalue below -1e-12 of its largest; it is never repaired silently.
+    """
+    value, vector = np.linalg.eigh(covariance)
+    if np.any(value[..., 0] < -1e-12 * np.abs(value[..., -1])):
+        raise InputError(f"covariance is not positive semi-definite (smallest eigenvalue {value[..., 0].min():.3g})")
+    scaled = vector * np.sqrt(np.maximum(value, 0.0))[..., None, :]
+    factor: Array = scaled @ np.swapaxes(vector, -1, -2)
+    return factor
