@@ -1,1 +1,32 @@
+"""Dynamics: the trajectory X(t), its transition matrix Phi(t, t0) and its parameter sensitivities zeta(t, t0).
 
+The names below load their module when first used, so that constants and the ephemeris do not pull in the compiler.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from nebosvod.dynamics.ephemeris import Ephemeris
+    from nebosvod.dynamics.model import ForceModel
+    from nebosvod.dynamics.nongrav import Nongrav
+    from nebosvod.dynamics.propagator import propagate
+    from nebosvod.dynamics.radiation import RadiationPressure
+    from nebosvod.dynamics.trajectory import Trajectory
+
+__all__ = ["Ephemeris", "ForceModel", "Nongrav", "RadiationPressure", "Trajectory", "propagate"]
+
+_HOME = {
+    "Ephemeris": "ephemeris",
+    "ForceModel": "model",
+    "Nongrav": "nongrav",
+    "RadiationPressure": "radiation",
+    "Trajectory": "trajectory",
+    "propagate": "propagator",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name in _HOME:
+        return getattr(import_module(f"nebosvod.dynamics.{_HOME[name]}"), name)
+    raise AttributeError(f"module 'nebosvod.dynamics' has no attribute {name!r}")
