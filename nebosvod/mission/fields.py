@@ -1,0 +1,225 @@
+"""The building blocks of the mission's models: strict blocks, quantities with units, epochs, uncertain values."""
+
+from collections.abc import Callable, Sequence
+from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar
+
+from pydantic import BaseModel, ConfigDict, Field, GetCoreSchemaHandler, GetJsonSchemaHandler, model_validator
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema, core_schema
+
+from nebosvod.errors import InputError
+from nebosvod.timescale import HINT, Epoch
+from nebosvod.units import ACCELERATION, ANGLE, DENSITY, DURATION, LENGTH, MASS, RADIUS, SPEED, Dimension, quantity
+
+Treatment = Literal["fixed", "ignored", "considered", "estimated"]
+TREATMENTS: tuple[Treatment, ...] = ("fixed", "ignored", "considered", "estimated")
+Row = TypeVar("Row")
+Several = Annotated[tuple[Row, ...], Field(strict=False)]
+KeyPath = tuple[str | int, ...]
+
+
+class Complaints(ValueError):
+    """Several things wrong inside one block: pairs of a path below the block and the sentence."""
+
+    def __init__(self, items: Sequence[tuple[KeyPath, str]]) -> None:
+        super().__init__("; ".join(text for _, text in items))
+        self.items = tuple(items)
+
+
+class Block(BaseModel):
+    """A mapping of the mission file: no unknown keys, no conversions, no nan or infinity, never changed."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False, hide_input_in_errors=True)
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        items = self.complaints()
+        if items:
+            raise Complaints(items)
+        return self
+
+    def complaints(self) -> list[tuple[KeyPath, str]]:
+        """What does not fit together inside this block; a block with such rules overrides this."""
+        return []
+
+
+class Parsed:
+    """Annotation: the value is read by a function of the plain tree's value; `schema` is what editors see."""
+
+    def __init__(self, read: Callable[[Any], Any], schema: dict[str, Any]) -> None:
+        self.read = read
+        self.schema = schema
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """Validate by `read` alone."""
+        return core_schema.no_info_plain_validator_function(self.read)
+
+    def __get_pydantic_json_schema__(self, source: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        """The schema given."""
+        return dict(self.schema)
+
+
+def measured(
+    dimension: Dimension, low: float | None = None, high: float | None = None, *, open_low: bool = False, text: str = ""
+) -> Parsed:
+    """A quantity with a unit inside a range given in internal units; `text` says the range in words."""
+
+    def read(value: Any) -> float:
+        number = quantity(value, dimension)
+        too_low = low is not None and (number <= low if open_low else number < low)
+        if too_low or (high is not None and number > high):
+            raise InputError(f'is out of range (got "{value}"; allowed {text})')
+        return number
+
+    about = f"{dimension.article} {dimension.name} with its unit: {dimension.allowed}" + (f"; {text}" if text else "")
+    schema = {
+        "type": "string",
+        "pattern": dimension.pattern,
+        "description": about[0].upper() + about[1:],
+        "examples": [dimension.example],
+    }
+    return Parsed(read, schema)
+
+
+def _positive(dimension: Dimension) -> Parsed:
+    return measured(dimension, 0.0, open_low=True, text="more than 0")
+
+
+_TURN = 6.283185307179586
+
+Angle = Annotated[float, measured(ANGLE)]
+PositiveAngle = Annotated[float, _positive(ANGLE)]
+Separation = Annotated[float, measured(ANGLE, 0.0, _TURN / 2, text="0 deg to 180 deg")]
+Lead = Annotated[float, measured(ANGLE, -_TURN / 2, _TURN / 2, text="-180 deg to 180 deg")]
+Azimuth = Annotated[float, measured(ANGLE, -_TURN, _TURN, text="-360 deg to 360 deg")]
+Length = Annotated[float, measured(LENGTH)]
+PositiveLength = Annotated[float, _positive(LENGTH)]
+Speed = Annotated[float, measured(SPEED)]
+PositiveSpeed = Annotated[float, _positive(SPEED)]
+PositiveDuration = Annotated[float, _positive(DURATION)]
+Duration = Annotated[float, measured(DURATION, 0.0, text="0 or more")]
+Size = Annotated[float, _positive(RADIUS)]
+MassKg = Annotated[float, _positive(MASS)]
+DensityKgM3 = Annotated[float, _positive(DENSITY)]
+Acceleration = Annotated[float, measured(ACCELERATION)]
+PositiveAcceleration = Annotated[float, _positive(ACCELERATION)]
+
+
+def _epoch(value: Any) -> Epoch:
+    if not isinstance(value, str):
+        raise InputError(f"needs an epoch with its time scale (got {value!r}; allowed scales: UTC, TDB, TT); {HINT}")
+    if len(value) > 60:
+        raise InputError(f"is not an epoch (got {len(value)} characters); {HINT}")
+    return Epoch.parse(value)
+
+
+When = Annotated[
+    Epoch,
+    Parsed(
+        _epoch,
+        {
+            "type": "string",
+            "pattern": r"^.+ (TDB|TT|UTC|tdb|tt|utc)$",
+            "description": "An epoch with its time scale: a calendar date or a Julian date",
+            "examples": ["2028-11-15T00:00:00 TDB", "2028-11-15 UTC", "2459215.5 JD TDB"],
+        },
+    ),
+]
+
+
+def _line_of_text(value: Any) -> str:
+    if not isinstance(value, str):
+        raise InputError(f"needs text (got {value!r}); put it in quotes")
+    if not value.strip():
+        raise InputError("needs text (got nothing)")
+    if len(value) > 200 or "\n" in value:
+        raise InputError(f"needs one line of at most 200 characters (got {len(value)})")
+    return value.strip()
+
+
+Text = Annotated[
+    str, Parsed(_line_of_text, {"type": "string", "minLength": 1, "maxLength": 200, "description": "One line of text"})
+]
+
+
+def slug(text: str, fallback: str = "mission") -> str:
+    """Text turned into a safe file name: letters, digits, dot, dash and underscore; at most 60 of them."""
+    safe = "".join(letter if letter.isalnum() or letter in "._-" else "-" for letter in text)
+    return safe.strip("-.")[:60].strip("-.") or fallback
+
+
+class Uncertain(Block):
+    """A value, how uncertain it is, and what an estimator does about it. A bare value is fixed."""
+
+    dimension: ClassVar[str] = ""
+
+    value: float
+    sigma: float | None = None
+    treatment: Treatment = "fixed"
+
+    @model_validator(mode="before")
+    @classmethod
+    def _bare(cls, data: Any) -> Any:
+        return data if isinstance(data, dict) else {"value": data}
+
+    def complaints(self) -> list[tuple[KeyPath, str]]:
+        """A sigma asks for a treatment; a treatment that needs a sigma must have one."""
+        if self.sigma is not None and "treatment" not in self.model_fields_set:
+            return [((), f"treatment: is missing beside a sigma (allowed: {', '.join(TREATMENTS)})")]
+        if self.sigma is None and self.treatment in ("considered", "ignored"):
+            return [(("treatment",), f"{self.treatment} needs a sigma: how wrong may the value be?")]
+        return []
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, source: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        """A block, or the bare value as its short form."""
+        block = handler.resolve_ref_schema(handler(source))
+        bare = dict(block["properties"]["value"])
+        whole = dict(block) | {"dependentRequired": {"sigma": ["treatment"]}}
+        return {"anyOf": [bare, whole], "description": block.get("description", "")}
+
+
+class UncertainRadius(Uncertain):
+    """A radius (m)."""
+
+    value: Size
+    sigma: Size | None = None
+
+
+class UncertainMass(Uncertain):
+    """A mass (kg)."""
+
+    value: MassKg
+    sigma: MassKg | None = None
+
+
+class UncertainDensity(Uncertain):
+    """A bulk density (kg/m^3)."""
+
+    value: DensityKgM3
+    sigma: DensityKgM3 | None = None
+
+
+Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
+PositiveNumber = Annotated[float, Field(gt=0.0)]
+
+
+class UncertainAlbedo(Uncertain):
+    """An albedo, 0 to 1."""
+
+    value: Fraction
+    sigma: PositiveNumber | None = None
+
+
+class UncertainEmission(Uncertain):
+    """The share re-emitted on the day side, 0 (isothermal) to 4/9 (no rotation, no conduction)."""
+
+    value: Annotated[float, Field(ge=0.0, le=4.0 / 9.0 + 1e-12)]
+    sigma: PositiveNumber | None = None
+
+
+class UncertainAcceleration(Uncertain):
+    """A non-gravitational parameter (au/d^2)."""
+
+    value: Acceleration
+    sigma: PositiveAcceleration | None = None

@@ -1,0 +1,72 @@
+"""`like: NAME`: a telescope takes from an earlier one whatever it does not say itself, before validation."""
+
+from difflib import get_close_matches
+
+from nebosvod.yamlfile import KeyPath, Mark, Problem, Tree, YamlFile, shown
+
+Places = dict[KeyPath, Mark]
+
+
+def resolve_like(file: YamlFile) -> tuple[Tree, Places, list[Problem]]:
+    """Return the tree with every `like` filled in, the places of all values, and what is wrong with the names.
+
+    A mapping is merged key by key, except that a block of another `kind` replaces the inherited one; an empty value
+    (null) removes what would be inherited. An inherited value stands where its original stands.
+    """
+    places = {**file.values}
+    problems: list[Problem] = []
+    tree = file.tree
+    if not isinstance(tree, dict) or not isinstance(tree.get("telescopes"), list):
+        return tree, places, problems
+    rows: list[Tree] = []
+    known: dict[str, int] = {}
+    for i, row in enumerate(tree["telescopes"]):  # type: ignore[arg-type]
+        if isinstance(row, dict) and row.get("like") is not None:
+            base = _find(row["like"], i, known, file, problems)
+            if base is not None:
+                row = _merge(rows[base], row, ("telescopes", base), ("telescopes", i), places)
+        rows.append(row)
+        if isinstance(row, dict) and isinstance(row.get("name"), str):
+            known.setdefault(str(row["name"]), i)
+    return {**tree, "telescopes": rows}, places, problems
+
+
+def _find(wanted: Tree, index: int, known: dict[str, int], file: YamlFile, problems: list[Problem]) -> int | None:
+    """Index of the telescope meant; None with a problem noted if there is none before this one."""
+    if isinstance(wanted, str) and wanted in known:
+        return known[wanted]
+    near = get_close_matches(str(wanted)[:80], known, 1)
+    hint = f'did you mean "{near[0]}"?' if near else "a telescope can only be like an earlier one in the list"
+    mark = file.values[("telescopes", index, "like")]
+    text = f'unknown telescope (got "{shown(str(wanted), 60)}"; allowed: {_listed(known)}); {hint}'
+    problems.append(Problem(mark, f"telescopes[{index}].like: {text}"))
+    return None
+
+
+def _listed(names: dict[str, int]) -> str:
+    return ", ".join(shown(name, 40) for name in list(names)[:10]) or "none yet"
+
+
+def _merge(base: Tree, own: Tree, base_path: KeyPath, own_path: KeyPath, places: Places) -> Tree:
+    """`own` over `base`; the depth is bounded by the reader."""
+    if not isinstance(base, dict) or not isinstance(own, dict):
+        return own
+    if own.get("kind", base.get("kind")) != base.get("kind"):
+        return own
+    merged = {}
+    for key in (*base, *(key for key in own if key not in base)):
+        if key not in own:
+            if key == "like":
+                continue
+            merged[key] = base[key]
+            _copy_places((*base_path, key), (*own_path, key), places)
+        elif own[key] is not None or key not in base:
+            merged[key] = _merge(base.get(key), own[key], (*base_path, key), (*own_path, key), places)
+    return merged
+
+
+def _copy_places(source: KeyPath, target: KeyPath, places: Places) -> None:
+    """Let an inherited value and everything below it stand where the original stands."""
+    found = {path: mark for path, mark in places.items() if path[: len(source)] == source}
+    for path, mark in found.items():
+        places[target + path[len(source) :]] = mark

@@ -1,0 +1,72 @@
+"""Files that a mission refers to: found relative to the mission file, never outside its folder."""
+
+from pathlib import Path
+from typing import Any
+
+from nebosvod.errors import InputError
+from nebosvod.mission.fields import KeyPath
+from nebosvod.yamlfile import Tree, parse_yaml, read_text, shown
+
+Complaint = tuple[KeyPath, str]
+
+
+def inside(folder: Path | None, text: object) -> Path:
+    """The file that `text` names below `folder`.
+
+    Raises
+    ------
+    InputError
+        If it is absolute, leads out of the folder (by .. or a symbolic link), or is no file.
+    """
+    if not isinstance(text, str) or not text or "\0" in text:
+        raise InputError("needs the name of a file beside the mission")
+    if folder is None:
+        raise InputError("a mission that is not a file cannot refer to other files; write the block here")
+    if Path(text).is_absolute():
+        raise InputError(f'must be relative to the mission file (got "{shown(text, 80)}")')
+    try:
+        home = folder.resolve()
+        path = (home / text).resolve()
+        if not path.is_relative_to(home):
+            raise InputError(f'leads out of the folder of the mission (got "{shown(text, 80)}"); copy the file there')
+        if not path.is_file():
+            raise InputError(f'no such file (got "{shown(text, 80)}", looked for in {shown(str(home))})')
+    except (OSError, RuntimeError, ValueError) as error:
+        raise InputError(f'is not a usable file name (got "{shown(text, 80)}": {shown(str(error))})') from None
+    return path
+
+
+def resolve_files(tree: dict[str, Tree], folder: Path | None) -> tuple[dict[str, Tree], list[Complaint]]:
+    """Put the content of the files a mission names into its tree, and check the paths of the others."""
+    found: list[Complaint] = []
+    plan = tree.get("force_model")
+    if isinstance(plan, dict) and plan.get("ephemeris") is not None:
+        try:
+            inside(folder, plan["ephemeris"])
+        except InputError as error:
+            found.append((("force_model", "ephemeris"), str(error)))
+    target = tree.get("object")
+    orbit = target.get("orbit") if isinstance(target, dict) else None
+    if isinstance(target, dict) and isinstance(orbit, dict) and orbit.get("kind") == "sbdb":
+        try:
+            orbit = _with_file(orbit, folder) if orbit.get("file") is not None else orbit
+        except InputError as error:
+            found.append((("object", "orbit", "file"), str(error)))
+        tree = {**tree, "object": {**target, "orbit": orbit}}
+    return tree, found
+
+
+def _with_file(orbit: dict[str, Any], folder: Path | None) -> dict[str, Any]:
+    """The orbit block with covariance and model parameters of the SBDB answer in `file`."""
+    path = inside(folder, orbit["file"])
+    answer = parse_yaml(read_text(path).replace("\t", " "), shown(str(orbit["file"]))).tree
+    block = answer.get("orbit") if isinstance(answer, dict) else None
+    if not isinstance(block, dict):
+        raise InputError("is not an answer of JPL's SBDB service (no orbit in it)")
+    covariance = block.get("covariance")
+    if not isinstance(covariance, dict):
+        raise InputError("has no covariance; ask the service with cov=mat")
+    if "elements" not in covariance and str(block.get("epoch")) == str(covariance.get("epoch")):
+        covariance = {**covariance, "elements": block.get("elements")}
+    filled = {"covariance": covariance, "model_pars": block.get("model_pars") or []}
+    return {**filled, **orbit}

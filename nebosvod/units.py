@@ -1,0 +1,156 @@
+"""Numbers with units as people write them ("0.1 arcsec", "340 m", "12 h") -> internal units, and no other way in.
+
+Internal units are km, s, rad; a body's radius is in m, its mass in kg, its density in kg/m^3, and
+Marsden's A1..A3 in au/d^2.
+"""
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from difflib import get_close_matches
+
+from nebosvod.errors import InputError
+
+AU_KM = 149597870.7  # IAU 2012 resolution B2
+DAY_S = 86400.0
+DEG = math.pi / 180.0
+NUMBER = r"[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?"
+
+_QUANTITY = re.compile(rf"({NUMBER})\s*(.*)", re.DOTALL)
+_LONGEST = 100
+_ANGLE_FIELD = r"([-+]?)([0-9]{1,3}):([0-9]{2})(?::([0-9]{2}(?:\.[0-9]*)?))?"
+_SEXAGESIMAL = re.compile(_ANGLE_FIELD)
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Dimension:
+    """One kind of quantity: how it is called, its units as factors to the internal unit, and an example."""
+
+    name: str
+    article: str
+    factors: Mapping[str, float]
+    example: str
+    aliases: Mapping[str, str]
+
+    @property
+    def allowed(self) -> str:
+        """The units, for a message."""
+        return ", ".join(self.factors)
+
+    @property
+    def pattern(self) -> str:
+        """A regular expression of what is accepted, for editors."""
+        names = sorted([*self.factors, *self.aliases], key=len, reverse=True)
+        return rf"^\s*{NUMBER}\s*({'|'.join(re.escape(name).replace('/', '/') for name in names)})\s*$"
+
+
+def _dimension(name: str, article: str, example: str, factors: Mapping[str, float], **aliases: str) -> Dimension:
+    spelled = {alias.replace("_per_", "/"): unit for alias, unit in aliases.items()}
+    return Dimension(name=name, article=article, factors=factors, example=example, aliases=spelled)
+
+
+ANGLE = _dimension(
+    "angle", "an", "0.1 arcsec",
+    {"arcsec": DEG / 3600, "mas": DEG / 3.6e6, "arcmin": DEG / 60, "deg": DEG, "rad": 1.0},
+    degree="deg", degrees="deg",
+)  # fmt: skip
+LENGTH = _dimension("length", "a", "3 km", {"m": 1e-3, "km": 1.0, "au": AU_KM}, AU="au")
+SPEED = _dimension(
+    "speed", "a", "0.5 m/s", {"mm/s": 1e-6, "m/s": 1e-3, "km/s": 1.0, "au/d": AU_KM / DAY_S}
+)  # fmt: skip
+DURATION = _dimension(
+    "duration", "a", "12 h", {"s": 1.0, "ms": 1e-3, "min": 60.0, "h": 3600.0, "d": DAY_S, "yr": 365.25 * DAY_S}
+)  # fmt: skip
+RADIUS = _dimension("radius", "a", "170 m", {"m": 1.0, "km": 1e3})
+MASS = _dimension("mass", "a", "6.1e10 kg", {"kg": 1.0})
+DENSITY = _dimension(
+    "density", "a", "2000 kg/m^3", {"kg/m^3": 1.0, "g/cm^3": 1e3}, kg_per_m3="kg/m^3", g_per_cm3="g/cm^3"
+)  # fmt: skip
+ACCELERATION = _dimension(
+    "non-gravitational parameter", "a", "-2.9e-14 au/d^2", {"au/d^2": 1.0}, au_per_d2="au/d^2", AU_per_d2="au/d^2"
+)  # fmt: skip
+DIMENSIONS = (ANGLE, LENGTH, SPEED, DURATION, RADIUS, MASS, DENSITY, ACCELERATION)
+
+
+def quantity(value: object, dimension: Dimension) -> float:
+    """Read a number with its unit.
+
+    Parameters
+    ----------
+    value : text such as "0.1 arcsec"; anything else is refused with advice.
+    dimension : what is wanted.
+
+    Returns
+    -------
+    float
+        The value in the internal unit of the dimension; finite.
+
+    Raises
+    ------
+    InputError
+        If there is no unit, the unit is unknown or of another kind, or the number is not finite.
+    """
+    wanted = f"needs {dimension.article} {dimension.name} with a unit"
+    allowed = f"allowed units: {dimension.allowed}"
+    if isinstance(value, bool) or not isinstance(value, str | int | float):
+        raise InputError(f'{wanted} ({allowed}); for example "{dimension.example}"')
+    if not isinstance(value, str):
+        unit = dimension.example.split()[-1]
+        raise InputError(f'{wanted} (got {value}; {allowed}); try "{value} {unit}"')
+    match = _QUANTITY.fullmatch(value.strip()) if len(value) <= _LONGEST else None
+    if match is None:
+        hint = "; the decimal mark is a point" if "," in value else ""
+        raise InputError(f'{wanted} (got "{_cut(value)}"; {allowed}); for example "{dimension.example}"{hint}')
+    number, unit = match[1], match[2].strip()
+    factor = dimension.factors.get(dimension.aliases.get(unit, unit))
+    if factor is None:
+        raise InputError(f'{wanted} (got "{_cut(value)}"; {allowed}){_unit_hint(unit, number, dimension)}')
+    result = float(number) * factor
+    if not math.isfinite(result):
+        raise InputError(f'needs a finite number (got "{_cut(value)}")')
+    return result
+
+
+def right_ascension(text: str) -> float:
+    """Right ascension in rad, in [0, 2 pi): sexagesimal hours `12:30:00.5`, or an angle such as "187.5 deg"."""
+    if ":" not in text:
+        return quantity(text, ANGLE) % (2.0 * math.pi)
+    hours = _sexagesimal(text, "right ascension", "12:30:00.5 (hours)")
+    if not 0.0 <= hours < 24.0:
+        raise InputError(f'right ascension is out of range (got "{_cut(text)}"; allowed 00:00:00 to 24:00:00, hours)')
+    return hours * 15.0 * DEG
+
+
+def declination(text: str) -> float:
+    """Declination in rad, in [-pi/2, pi/2]: sexagesimal degrees `-05:30:00`, or an angle such as "-5.5 deg"."""
+    value = quantity(text, ANGLE) / DEG if ":" not in text else _sexagesimal(text, "declination", "-05:30:00 (degrees)")
+    if not -90.0 <= value <= 90.0:
+        raise InputError(f'declination is out of range (got "{_cut(text)}"; allowed -90 to 90 deg)')
+    return value * DEG
+
+
+def _sexagesimal(text: str, what: str, example: str) -> float:
+    """`[-]A:MM[:SS.s]` -> A with its fraction; the sign counts for -00:30:00 too."""
+    match = _SEXAGESIMAL.fullmatch(text.strip()) if len(text) <= _LONGEST else None
+    if match is None or int(match[3]) > 59 or float(match[4] or 0.0) >= 60.0:
+        raise InputError(f'{what} is not sexagesimal (got "{_cut(text)}"); for example {example}')
+    value = int(match[2]) + int(match[3]) / 60.0 + float(match[4] or 0.0) / 3600.0
+    return -value if match[1] == "-" else value
+
+
+def _unit_hint(unit: str, number: str, dimension: Dimension) -> str:
+    """What the user may have meant by a unit that does not fit."""
+    if not unit:
+        return f'; try "{number} {dimension.example.split()[-1]}"'
+    near = get_close_matches(unit, [*dimension.factors, *dimension.aliases], 1, 0.5)
+    if near:
+        return f'; did you mean "{number} {dimension.aliases.get(near[0], near[0])}"?'
+    other = next((d for d in DIMENSIONS if unit in d.factors), None)
+    return f"; {unit} is a unit of {other.name}" if other else ""
+
+
+def _cut(text: str) -> str:
+    """Text short and printable enough for a message."""
+    cut = text if len(text) <= 60 else text[:60] + "..."
+    return "".join(letter if letter.isprintable() else ascii(letter)[1:-1] for letter in cut)
