@@ -66,7 +66,8 @@ def rotating_to_icrf(position_km: Array, epoch: Epoch, t_s: Array, ut1_minus_utc
     Notes
     -----
     The velocity is omega x r; precession and nutation would add under 1e-6 of it (0.4 mm/s on the geostationary
-    ring). The TDB-compatible geocentric frame scale, 1.5e-8 (0.7 m there), is left out, as everywhere in nebosvod.
+    ring). Left out: the TIO locator s' (47 uas a century: 2 mm on that ring) and the scale of TDB-compatible
+    geocentric coordinates (1.5e-8: 0.7 m there), as everywhere in nebosvod.
     """
     angle = earth_rotation_angle(epoch, t_s, ut1_minus_utc_s)
     x, y, z = np.moveaxis(np.broadcast_to(position_km, (t_s.size, 3)), -1, 0)

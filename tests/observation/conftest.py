@@ -2,13 +2,15 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
-from nebosvod.dynamics.ephemeris import Ephemeris
 from nebosvod.dynamics.constants import AU_KM
+from nebosvod.dynamics.ephemeris import Ephemeris
 from nebosvod.timescale import Epoch
 
 GM_SUN = 1.3271244004127942e11
@@ -92,3 +94,74 @@ def data() -> Path:
     if not DATA.is_dir():
         pytest.skip(f"reference data not found at {DATA}")
     return DATA
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Still:
+    """A target that stays at one heliocentric place: for tests of geometry."""
+
+    epoch: Epoch
+    position: Any  # (3,)
+    t_s: Any = None
+    parameter_names: tuple[str, ...] = ()
+    Phi: Any = None
+    zeta: Any = None
+
+    @property
+    def state(self) -> Any:
+        return np.tile(np.concatenate([self.position, np.zeros(3)]), (self.t_s.size, 1))
+
+    def at(self, t_s: Any) -> "Still":
+        return replace(self, t_s=np.asarray(t_s, dtype=np.float64))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Shifted:
+    """Another spacecraft displaced by a constant vector, or one that rests at a displacement from a body."""
+
+    by_km: Any
+    spacecraft: Any = None
+    body: str = ""
+    centre: str = "earth"
+
+    def state_km_km_s(self, ephemeris: Any, epoch: Epoch, t_s: Any) -> Any:
+        if self.spacecraft is None:
+            base = ephemeris.state_km_km_s(self.body, epoch, t_s)
+        else:
+            base = self.spacecraft.state_km_km_s(ephemeris, epoch, t_s)
+        return base + np.concatenate([self.by_km, np.zeros(3)])
+
+
+def derivative(f: Any, h: float) -> Any:
+    """Central difference of fourth order: the error is f^(5) h^4 / 30, about 1e-12 of f' for h = 1e-3 of its scale."""
+    return (8.0 * (f(h) - f(-h)) - (f(2.0 * h) - f(-2.0 * h))) / (12.0 * h)
+
+
+@pytest.fixture(scope="session")
+def support() -> Any:
+    """The stand-ins and the derivative, for test modules that are imported by path."""
+    return SimpleNamespace(
+        TwoBody=TwoBody,
+        Still=Still,
+        Shifted=Shifted,
+        derivative=derivative,
+        likelihood_ratio=likelihood_ratio,
+    )
+
+
+def likelihood_ratio(draws: Any, covariance: Any) -> tuple[float, float]:
+    """Two-sided p-value that draws (N, d) about zero have this covariance, and the one for their mean being zero.
+
+    N (tr W - ln det W - d) with W the sample covariance whitened by the true one is chi-square with d (d + 1) / 2
+    degrees of freedom: it sees every variance and every correlation at once.
+    """
+    count, size = draws.shape
+    white = np.linalg.solve(np.linalg.cholesky(covariance), draws.T)
+    W = white @ white.T / count
+    statistic = count * (np.trace(W) - np.linalg.slogdet(W)[1] - size)
+    mean = count * np.sum(white.mean(axis=1) ** 2)
+    return _two_sided(statistic, size * (size + 1) / 2), _two_sided(mean, size)
+
+
+def _two_sided(statistic: float, dof: float) -> float:
+    return float(2.0 * min(chi2.cdf(statistic, dof), chi2.sf(statistic, dof)))

@@ -1,0 +1,76 @@
+"""Light time and the line of sight."""
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+from nebosvod.dynamics.constants import SPEED_OF_LIGHT_KM_S
+from nebosvod.errors import InputError
+from nebosvod.observation import Geostationary, HeliocentricCompanion, sight
+
+T_S = np.linspace(0.0, 100.0, 12) * 86400.0
+
+
+@pytest.mark.parametrize("spacecraft", [Geostationary(longitude_rad=0.3), HeliocentricCompanion(lead_rad=0.2)])
+def test_light_time_solves_the_equation_found_by_bracketing(spacecraft, two_body, ephemeris, epoch):
+    line = sight(two_body, spacecraft, T_S, ephemeris)
+    telescope = spacecraft.state_km_km_s(ephemeris, epoch, T_S)[:, :3]
+
+    def excess(tau, k):
+        t = np.array([T_S[k] - tau])
+        target = two_body.at(t).state[0, :3] + ephemeris.position_km("sun", epoch, t)[0]
+        return np.linalg.norm(target - telescope[k]) / SPEED_OF_LIGHT_KM_S - tau
+
+    brute = [brentq(excess, 0.0, 5000.0, args=(k,), xtol=1e-12, rtol=1e-15) for k in range(T_S.size)]
+    # the equation is solved to 1e-9 s; times of 1e7 s carry 2e-9 s, which times V/c = 1e-4 is nothing
+    np.testing.assert_allclose(line.light_time_s, brute, rtol=0.0, atol=1e-9)
+
+
+def test_direction_distance_and_light_time_belong_together(two_body, ephemeris):
+    line = sight(two_body, Geostationary(longitude_rad=0.0), T_S, ephemeris)
+    rho = line.target_state[:, :3] - line.telescope_state[:, :3]
+    np.testing.assert_allclose(line.u * line.distance_km[:, None], rho, rtol=1e-15, atol=1e-7)
+    np.testing.assert_allclose(line.light_time_s * SPEED_OF_LIGHT_KM_S, line.distance_km, rtol=1e-15)
+
+
+def test_vectors_are_barycentric_not_heliocentric(two_body, ephemeris, epoch):
+    """A heliocentric difference forgets that the Sun moves during the light time: up to 9 mas."""
+    spacecraft = HeliocentricCompanion(lead_rad=-1.0)
+    line = sight(two_body, spacecraft, T_S, ephemeris)
+    heliocentric = spacecraft.state_km_km_s(ephemeris, epoch, T_S) - ephemeris.state_km_km_s("sun", epoch, T_S)
+    wrong = two_body.at(T_S - line.light_time_s).state[:, :3] - heliocentric[:, :3]
+    wrong /= np.linalg.norm(wrong, axis=1, keepdims=True)
+    mas = np.linalg.norm(wrong - line.u, axis=1) * 180.0 / np.pi * 3.6e6
+    assert 2.0 < mas.max() < 20.0
+
+
+def test_light_time_factor_is_the_derivative_of_the_line_of_sight(two_body, ephemeris, support):
+    spacecraft = Geostationary(longitude_rad=0.0)
+    line = sight(two_body, spacecraft, T_S, ephemeris)
+    L = line.light_time_factor()
+    for j, axis in enumerate(np.eye(3)):
+
+        def rho(h, axis=axis):
+            moved = sight(two_body, support.Shifted(spacecraft=spacecraft, by_km=h * axis), T_S, ephemeris)
+            return moved.u * moved.distance_km[:, None]
+
+        # positions of 1e8 km carry 3e-8 km of round-off, over a base of 1e5 km
+        np.testing.assert_allclose(support.derivative(rho, 1e5), -L[:, :, j], rtol=0.0, atol=1e-11)
+
+
+def test_times_must_be_a_vector_of_finite_numbers(two_body, ephemeris):
+    for bad in (np.array([]), np.array([0.0, np.nan]), np.zeros((2, 2))):
+        with pytest.raises(InputError, match="reception times"):
+            sight(two_body, Geostationary(longitude_rad=0.0), bad, ephemeris)
+
+
+def test_a_target_about_as_fast_as_light_is_refused(two_body, ephemeris, support):
+    class Racing(support.TwoBody):
+        @property
+        def state(self):
+            r = np.stack([1e8 + 2e5 * np.sin(self.t_s), 0 * self.t_s, 0 * self.t_s], axis=1)
+            return np.concatenate([r, np.zeros_like(r)], axis=1)
+
+    racing = Racing(epoch=two_body.epoch, start=two_body.start)
+    with pytest.raises(InputError, match=r"km and km/s"):
+        sight(racing, Geostationary(longitude_rad=0.0), T_S, ephemeris)
