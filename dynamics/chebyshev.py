@@ -16,27 +16,33 @@ SUN, EARTH, MOON, FIRST_ASTEROID = 0, 3, 4, 11
 
 
 @kernel
+def series_at(n: int, t: Array, coefficients: Array, layout: Integers, timing: Array, b: int, P: Array) -> None:
+    """Position of series b, relative to its own centre, into row b of P (bodies, 24), km."""
+    offset, order, records = layout[b, 0], layout[b, 1], layout[b, 2]
+    start, per_record = timing[b, 0], 1.0 / timing[b, 1]
+    for l in range(n):
+        place = (t[l] - start) * per_record
+        record = max(0, min(int(place), records - 1))
+        u = 2.0 * (place - record) - 1.0
+        k = np.uint64(offset + record * 3 * order)
+        x, y, z = coefficients[k], coefficients[k + np.uint64(1)], coefficients[k + np.uint64(2)]
+        before, now = 1.0, u
+        for _ in range(1, order):
+            k += np.uint64(3)
+            x += now * coefficients[k]
+            y += now * coefficients[k + np.uint64(1)]
+            z += now * coefficients[k + np.uint64(2)]
+            before, now = now, 2.0 * u * now - before
+        P[b, l], P[b, LANES + l], P[b, 2 * LANES + l] = x, y, z
+
+
+@kernel
 def bodies_at(
     n: int, t: Array, coefficients: Array, layout: Integers, timing: Array, mass_ratio: float, P: Array
 ) -> None:
     """Barycentric positions P (bodies, 24) in km at the n times t (seconds after the epoch)."""
     for b in range(layout.shape[0]):
-        offset, order, records = layout[b, 0], layout[b, 1], layout[b, 2]
-        start, per_record = timing[b, 0], 1.0 / timing[b, 1]
-        for l in range(n):
-            place = (t[l] - start) * per_record
-            record = max(0, min(int(place), records - 1))
-            u = 2.0 * (place - record) - 1.0
-            k = np.uint64(offset + record * 3 * order)
-            x, y, z = coefficients[k], coefficients[k + np.uint64(1)], coefficients[k + np.uint64(2)]
-            before, now = 1.0, u
-            for _ in range(1, order):
-                k += np.uint64(3)
-                x += now * coefficients[k]
-                y += now * coefficients[k + np.uint64(1)]
-                z += now * coefficients[k + np.uint64(2)]
-                before, now = now, 2.0 * u * now - before
-            P[b, l], P[b, LANES + l], P[b, 2 * LANES + l] = x, y, z
+        series_at(n, t, coefficients, layout, timing, b, P)
     _assemble(mass_ratio, P)
 
 

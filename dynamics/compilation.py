@@ -33,7 +33,7 @@ _DIGEST = _source_digest()
 def kernel(function: Function) -> Function:
     """Compile a numeric function when it is first called, and keep the machine code beside the sources."""
     compiled: Any = numba.njit(cache=True, fastmath=FASTMATH, error_model="numpy")(function)
-    index = getattr(getattr(compiled, "_cache", None), "_cache_file", None)
+    index: Any = getattr(getattr(compiled, "_cache", None), "_cache_file", None)
     if hasattr(index, "_source_stamp"):
         index._source_stamp = (index._source_stamp, _DIGEST)
     result: Function = compiled

@@ -11,13 +11,13 @@ AU_KM = 149597870.7  # IAU 2012 resolution B2 (exact)
 SPEED_OF_LIGHT_KM_S = 299792.458  # BIPM, SI definition of the metre (exact)
 DAY_S = 86400.0  # by definition
 J2000_JD = 2451545.0  # 2000-01-01T12:00:00 TDB, IAU 1976 System of Astronomical Constants
-SOLAR_CONSTANT_W_M2 = 1361.0  # total solar irradiance at 1 au; Kopp and Lean 2011 (GRL 38, L01706) give 1360.8 +- 0.5
+SOLAR_IRRADIANCE_W_M2 = 1361.0  # total solar irradiance at 1 au; Kopp and Lean 2011 (GRL 38, L01706) give 1360.8 +- 0.5
 OBLIQUITY_J2000_RAD = math.radians(84381.448 / 3600.0)  # ecliptic_j2000 of JPL; IAU 1976 (Lieske et al. 1977)
 
 # au/d^2 -> km/s^2, for Marsden's A1, A2, A3
 AU_D2_KM_S2 = AU_KM / DAY_S**2
 # radiation pressure: (S0/c) (1 au)^2 in km^3/s^2 per m^2/kg of area-to-mass ratio
-RADIATION_KM3_S2_PER_M2_KG = SOLAR_CONSTANT_W_M2 / (SPEED_OF_LIGHT_KM_S * 1e3) * 1e-3 * AU_KM**2
+RADIATION_KM3_S2_PER_M2_KG = SOLAR_IRRADIANCE_W_M2 / (SPEED_OF_LIGHT_KM_S * 1e3) * 1e-3 * AU_KM**2
 
 # Equatorial radii, km: IAU WGCCRE 2015 (Archinal et al. 2018, CMDA 130:22); Sun: IAU 2015 resolution B3;
 # Earth: DE440 (RE). Surfaces for impact tests and limbs; asteroids are points.

@@ -41,7 +41,7 @@ class Series:
     @property
     def order(self) -> int:
         """Number of coefficients of one component."""
-        return (self.records.shape[1] - 2) // 3
+        return (int(self.records.shape[1]) - 2) // 3
 
     def coefficients(self, first: int, last: int) -> Array:
         """Coefficients of records first..last-1, copied to shape (last - first, order, 3)."""

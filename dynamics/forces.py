@@ -1,0 +1,197 @@
+"""Point masses, the Sun's relativity, zonal harmonics: each acceleration and its Jacobian as a pair.
+
+Every function adds to its output at n <= 8 moments ("lanes", see compilation.py). X, V: position and velocity,
+barycentric; P: bodies (rows in window order); VS: velocity of the Sun; A: acceleration; S: the symmetric part of
+dA/dX in rows xx, xy, xz, yy, yz, zz; G, K: dA/dX and dA/dV, nine rows each, row-major. km, s.
+
+What is left out, and how much it is, for a near-Earth asteroid over one year: other asteroids than the 16, 0.01-0.1 km;
+post-Newtonian terms of the planets 0.003 km (switch: relativity="eih"); J2 of the Sun 0.001 km at 1 au; Lense-Thirring
+effect of the Sun 1e-4 km; figure of the Moon and the planets other than the Earth, below 1e-6 km unless closer than ten
+radii; tesseral harmonics of the Earth, about 1e-3 of J2's effect, metres after a pass at six Earth radii.
+"""
+
+import numpy as np
+import numpy.typing as npt
+
+from nebosvod.dynamics.compilation import LANES, kernel
+
+Array = npt.NDArray[np.float64]
+
+
+@kernel
+def point_masses(n: int, X: Array, P: Array, gm: Array, A: Array, tide: Array) -> None:
+    """Newtonian attraction of all bodies; tide (8,) becomes the largest GM/r^3, s^-2, of each lane."""
+    for b in range(gm.shape[0]):
+        g = gm[b]
+        for l in range(n):
+            dx, dy, dz = X[l] - P[b, l], X[8 + l] - P[b, 8 + l], X[16 + l] - P[b, 16 + l]
+            r2 = dx * dx + dy * dy + dz * dz
+            f = g / (r2 * np.sqrt(r2))
+            A[l] -= f * dx
+            A[8 + l] -= f * dy
+            A[16 + l] -= f * dz
+            tide[l] = f if f > tide[l] else tide[l]
+
+
+@kernel
+def point_masses_gradient(n: int, X: Array, P: Array, gm: Array, S: Array) -> None:
+    """dA/dX = GM/r^3 (3 d d^T / r^2 - I), summed over the bodies."""
+    for b in range(gm.shape[0]):
+        g = gm[b]
+        for l in range(n):
+            dx, dy, dz = X[l] - P[b, l], X[8 + l] - P[b, 8 + l], X[16 + l] - P[b, 16 + l]
+            r2 = dx * dx + dy * dy + dz * dz
+            f = g / (r2 * np.sqrt(r2))
+            f3 = 3.0 * f / r2
+            S[l] += f3 * dx * dx - f
+            S[8 + l] += f3 * dx * dy
+            S[16 + l] += f3 * dx * dz
+            S[24 + l] += f3 * dy * dy - f
+            S[32 + l] += f3 * dy * dz
+            S[40 + l] += f3 * dz * dz - f
+
+
+@kernel
+def expand(n: int, S: Array, G: Array) -> None:
+    """Write the symmetric rows S into the nine rows of G."""
+    for l in range(n):
+        G[l] = S[l]
+        G[8 + l] = S[8 + l]
+        G[16 + l] = S[16 + l]
+        G[24 + l] = S[8 + l]
+        G[32 + l] = S[24 + l]
+        G[40 + l] = S[32 + l]
+        G[48 + l] = S[16 + l]
+        G[56 + l] = S[32 + l]
+        G[64 + l] = S[40 + l]
+
+
+@kernel
+def sun_relativity(n: int, X: Array, V: Array, P: Array, VS: Array, gm: float, c2: float, A: Array) -> None:
+    """Schwarzschild term of the Sun, beta = gamma = 1 (Moyer 1971; Will 1981): f [(4 GM/r - w^2) d + 4 (d.w) w].
+
+    f = GM/(c^2 r^3); d and w are heliocentric position and velocity; c2 = c^2 in km^2/s^2.
+    """
+    for l in range(n):
+        dx, dy, dz = X[l] - P[0, l], X[8 + l] - P[0, 8 + l], X[16 + l] - P[0, 16 + l]
+        wx, wy, wz = V[l] - VS[l], V[8 + l] - VS[8 + l], V[16 + l] - VS[16 + l]
+        r2 = dx * dx + dy * dy + dz * dz
+        r = np.sqrt(r2)
+        f = gm / (c2 * r2 * r)
+        a = f * (4.0 * gm / r - (wx * wx + wy * wy + wz * wz))
+        b = 4.0 * f * (dx * wx + dy * wy + dz * wz)
+        A[l] += a * dx + b * wx
+        A[8 + l] += a * dy + b * wy
+        A[16 + l] += a * dz + b * wz
+
+
+@kernel
+def sun_relativity_gradient(
+    n: int, X: Array, V: Array, P: Array, VS: Array, gm: float, c2: float, G: Array, K: Array
+) -> None:
+    """dA/dX = a I + d u^T + w y^T and dA/dV = b I + d p^T + w q^T of A = a d + b w.
+
+    u = -(4 GM f/r^3 + 3 a/r^2) d, y = 4 f w - (3 b/r^2) d, p = -2 f w, q = 4 f d.
+    """
+    for l in range(n):
+        dx, dy, dz = X[l] - P[0, l], X[8 + l] - P[0, 8 + l], X[16 + l] - P[0, 16 + l]
+        wx, wy, wz = V[l] - VS[l], V[8 + l] - VS[8 + l], V[16 + l] - VS[16 + l]
+        r2 = dx * dx + dy * dy + dz * dz
+        r = np.sqrt(r2)
+        f = gm / (c2 * r2 * r)
+        a = f * (4.0 * gm / r - (wx * wx + wy * wy + wz * wz))
+        b = 4.0 * f * (dx * wx + dy * wy + dz * wz)
+        cu, cy, f4 = -(4.0 * gm * f / r + 3.0 * a) / r2, -3.0 * b / r2, 4.0 * f
+        yx, yy, yz = f4 * wx + cy * dx, f4 * wy + cy * dy, f4 * wz + cy * dz
+        ux, uy, uz, px, py, pz = cu * dx, cu * dy, cu * dz, -2.0 * f * wx, -2.0 * f * wy, -2.0 * f * wz
+        G[l] += a + dx * ux + wx * yx
+        G[8 + l] += dx * uy + wx * yy
+        G[16 + l] += dx * uz + wx * yz
+        G[24 + l] += dy * ux + wy * yx
+        G[32 + l] += a + dy * uy + wy * yy
+        G[40 + l] += dy * uz + wy * yz
+        G[48 + l] += dz * ux + wz * yx
+        G[56 + l] += dz * uy + wz * yy
+        G[64 + l] += a + dz * uz + wz * yz
+        K[l] += b + dx * px + wx * f4 * dx
+        K[8 + l] += dx * py + wx * f4 * dy
+        K[16 + l] += dx * pz + wx * f4 * dz
+        K[24 + l] += dy * px + wy * f4 * dx
+        K[32 + l] += b + dy * py + wy * f4 * dy
+        K[40 + l] += dy * pz + wy * f4 * dz
+        K[48 + l] += dz * px + wz * f4 * dx
+        K[56 + l] += dz * py + wz * f4 * dy
+        K[64 + l] += b + dz * pz + wz * f4 * dz
+
+
+@kernel
+def zonal_harmonics(n: int, X: Array, P: Array, b: int, gm: float, J: Array, pole: Array, A: Array) -> None:
+    """J2, J3, J4 of body b: sum_k w_k [P'_(k+1)(s) d/r - P'_k(s) p], w_k = GM/r^2 J_k (R/r)^k, s = d.p/r.
+
+    J = [R, J2, J3, J4]; pole (3,) is the unit vector p of the rotation axis; P'_k derivatives of Legendre polynomials
+    (gradient of the potential with P'_(k+1) = (k+1) P_k + s P'_k).
+    """
+    p0, p1, p2 = pole[0], pole[1], pole[2]
+    radius, j2, j3, j4 = J[0], J[1], J[2], J[3]
+    for l in range(n):
+        dx, dy, dz = X[l] - P[b, l], X[8 + l] - P[b, 8 + l], X[16 + l] - P[b, 16 + l]
+        r2 = dx * dx + dy * dy + dz * dz
+        ir = 1.0 / np.sqrt(r2)
+        s, x = (dx * p0 + dy * p1 + dz * p2) * ir, radius * ir
+        s2 = s * s
+        w2 = gm * j2 * x * x * ir * ir
+        w3, w4 = gm * j3 * x * x * x * ir * ir, gm * j4 * x * x * x * x * ir * ir
+        d2, d3, d4, d5 = 3.0 * s, 7.5 * s2 - 1.5, (17.5 * s2 - 7.5) * s, (39.375 * s2 - 26.25) * s2 + 1.875
+        along = (w2 * d3 + w3 * d4 + w4 * d5) * ir
+        axial = w2 * d2 + w3 * d3 + w4 * d4
+        A[l] += along * dx - axial * p0
+        A[8 + l] += along * dy - axial * p1
+        A[16 + l] += along * dz - axial * p2
+
+
+@kernel
+def zonal_harmonics_gradient(n: int, X: Array, P: Array, b: int, gm: float, J: Array, pole: Array, S: Array) -> None:
+    """dA/dX = sum_k w_k/r [P'_(k+1) I - P''_(k+2) e e^T + P''_(k+1) (e p^T + p e^T) - P''_k p p^T], e = d/r."""
+    p0, p1, p2 = pole[0], pole[1], pole[2]
+    radius, j2, j3, j4 = J[0], J[1], J[2], J[3]
+    for l in range(n):
+        dx, dy, dz = X[l] - P[b, l], X[8 + l] - P[b, 8 + l], X[16 + l] - P[b, 16 + l]
+        ir = 1.0 / np.sqrt(dx * dx + dy * dy + dz * dz)
+        e0, e1, e2 = dx * ir, dy * ir, dz * ir
+        s, x = e0 * p0 + e1 * p1 + e2 * p2, radius * ir
+        s2 = s * s
+        w2 = gm * j2 * x * x * ir * ir * ir
+        w3, w4 = w2 * x * j3 / j2, w2 * x * x * j4 / j2
+        d3, d4, d5 = 7.5 * s2 - 1.5, (17.5 * s2 - 7.5) * s, (39.375 * s2 - 26.25) * s2 + 1.875
+        h2, h3, h4, h5 = 3.0, 15.0 * s, 52.5 * s2 - 7.5, (157.5 * s2 - 52.5) * s
+        h6 = (433.125 * s2 - 236.25) * s2 + 13.125
+        unit, ee = w2 * d3 + w3 * d4 + w4 * d5, -(w2 * h4 + w3 * h5 + w4 * h6)
+        ep, pp = w2 * h3 + w3 * h4 + w4 * h5, -(w2 * h2 + w3 * h3 + w4 * h4)
+        S[l] += unit + ee * e0 * e0 + 2.0 * ep * e0 * p0 + pp * p0 * p0
+        S[8 + l] += ee * e0 * e1 + ep * (e0 * p1 + p0 * e1) + pp * p0 * p1
+        S[16 + l] += ee * e0 * e2 + ep * (e0 * p2 + p0 * e2) + pp * p0 * p2
+        S[24 + l] += unit + ee * e1 * e1 + 2.0 * ep * e1 * p1 + pp * p1 * p1
+        S[32 + l] += ee * e1 * e2 + ep * (e1 * p2 + p1 * e2) + pp * p1 * p2
+        S[40 + l] += unit + ee * e2 * e2 + 2.0 * ep * e2 * p2 + pp * p2 * p2
+
+
+@kernel
+def earth_pole(centuries: float, pole: Array) -> None:
+    """Celestial intermediate pole of date (3,) in ICRF: precession X, Y of IAU 2006 (Capitaine et al. 2003, eq. 49).
+
+    `centuries` are Julian centuries of TDB after J2000. Nutation (9 arcsec) is left out: 4.5e-5 of the J2 acceleration.
+    """
+    arcsec = 4.848136811095360e-6
+    t = centuries
+    x = (-0.016617 + (2004.191898 + (-0.4297829 - 0.19861834 * t) * t) * t) * arcsec
+    y = (-0.006951 + (-0.025896 + (-22.4072747 + 0.00190059 * t) * t) * t) * arcsec
+    pole[0] = x
+    pole[1] = y
+    pole[2] = np.sqrt(1.0 - x * x - y * y)
+
+
+@kernel
+def near(body_distance: float, n: int, X: Array, P: Array, b: int) -> bool:
+    """Whether the first lane is within `body_distance` km of body b: the switch of forces that die out fast."""
+    dx, dy, dz = X[0] - P[b, 0], X[LANES] - P[b, LANES], X[2 * LANES] - P[b, 2 * LANES]
+    return bool(dx * dx + dy * dy + dz * dz < body_distance * body_distance)

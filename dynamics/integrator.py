@@ -1,0 +1,419 @@
+"""The compiled integrator: X, Phi and zeta in one sweep by 8-stage Gauss-Legendre collocation (order 16).
+
+One step: extrapolate the accelerations of the last step to the new nodes; iterate x -> acceleration -> x to round-off
+(about three sweeps); then solve the linear variational equations, whose Jacobians are evaluated once, by the same
+iteration. Perturbers do not depend on the state, so the ephemeris is read once per step. The step size follows the last
+Legendre coefficient of the acceleration, relative to the acceleration.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from nebosvod.dynamics.chebyshev import bodies_at, velocity_at
+from nebosvod.dynamics.collocation import A_FLAT, AA_FLAT, BARYCENTRIC, LAST_ROW, NODES, POSITION_WEIGHTS, WEIGHTS
+from nebosvod.dynamics.compilation import kernel
+from nebosvod.dynamics.forces import (
+    earth_pole,
+    expand,
+    near,
+    point_masses,
+    point_masses_gradient,
+    sun_relativity,
+    sun_relativity_gradient,
+    zonal_harmonics,
+    zonal_harmonics_gradient,
+)
+from nebosvod.dynamics.model import Physics
+from nebosvod.dynamics.nongrav import nongrav, nongrav_gradient
+from nebosvod.dynamics.radiation import radiation, radiation_gradient
+
+Array = npt.NDArray[np.float64]
+Integers = npt.NDArray[np.int64]
+
+OK, STALLED, TOO_MANY_STEPS = 0, 1, 2
+LARGEST_STEP_S = 200.0 * 86400.0
+SMALLEST_STEP_S = 1e-3
+MOST_STEPS = 2_000_000
+EPSILON = 2.2e-16
+EARTH = 3
+
+
+class Work(NamedTuple):
+    """Scratch arrays of one integration; rows of 8 lanes, flat (see compilation.py)."""
+
+    t: Array  # (8,) node times
+    P: Array  # (bodies, 24) positions of the bodies at the nodes
+    VS: Array  # (24,) velocity of the Sun
+    pole: Array  # (3,) Earth's pole of date
+    X: Array  # (24,) positions at the nodes
+    V: Array  # (24,)
+    A: Array  # (24,) accelerations
+    B: Array  # (24,) accelerations of the next sweep
+    tide: Array  # (8,) largest GM/r^3
+    before: Array  # (24,) accelerations of the last step
+    extrapolation: Array  # (64,) last nodes -> new nodes
+    S: Array  # (48,) symmetric part of dA/dX
+    G: Array  # (72,) dA/dX
+    K: Array  # (72,) dA/dV
+    F: Array  # (4 * 24,) dA/d(kappa, A1, A2, A3)
+    D: Array  # (columns * 24,) accelerations of the variations
+    E: Array  # the same of the next sweep
+    DX: Array  # their positions
+    DV: Array  # and velocities
+    D_before: Array  # accelerations of the variations of the last step
+
+
+class Steps(NamedTuple):
+    """All accepted steps: with the nodal accelerations they are the dense output."""
+
+    start: Array  # (n,) seconds after the epoch
+    length: Array  # (n,) signed
+    state: Array  # (n, 6) barycentric at the start
+    acceleration: Array  # (n, 24)
+    variation: Array  # (n, 6 * columns) position parts of all columns, then velocity parts
+    variation_acceleration: Array  # (n, 24 * columns)
+    tide: Array  # (n,) largest GM/r^3 met in the step, s^-2
+
+
+@kernel
+def make_work(bodies: int, columns: int) -> Work:
+    """Allocate the scratch arrays."""
+    wide = 24 * columns
+    return Work(
+        np.zeros(8), np.zeros((bodies, 24)), np.zeros(24), np.zeros(3), np.zeros(24), np.zeros(24), np.zeros(24),
+        np.zeros(24), np.zeros(8), np.zeros(24), np.zeros(64), np.zeros(48), np.zeros(72), np.zeros(72),
+        np.zeros(96), np.zeros(wide), np.zeros(wide), np.zeros(wide), np.zeros(wide), np.zeros(wide),
+    )  # fmt: skip
+
+
+@kernel
+def make_steps(capacity: int, columns: int) -> Steps:
+    """Allocate room for `capacity` steps."""
+    return Steps(
+        np.empty(capacity), np.empty(capacity), np.empty((capacity, 6)), np.empty((capacity, 24)),
+        np.empty((capacity, 6 * columns)), np.empty((capacity, 24 * columns)), np.empty(capacity),
+    )  # fmt: skip
+
+
+@kernel
+def resized(old: Steps, count: int, capacity: int, columns: int) -> Steps:
+    """Copy the first `count` steps into room for `capacity`."""
+    new = make_steps(capacity, columns)
+    new.start[:count] = old.start[:count]
+    new.length[:count] = old.length[:count]
+    new.state[:count] = old.state[:count]
+    new.acceleration[:count] = old.acceleration[:count]
+    new.variation[:count] = old.variation[:count]
+    new.variation_acceleration[:count] = old.variation_acceleration[:count]
+    new.tide[:count] = old.tide[:count]
+    return new
+
+
+@kernel
+def acceleration(n: int, w: Work, p: Physics, A: Array) -> None:
+    """Sum of all forces at w.X, w.V; the bodies are in w.P."""
+    for i in range(24):
+        A[i] = 0.0
+    for l in range(8):
+        w.tide[l] = 0.0
+    point_masses(n, w.X, w.P, p.gm, A, w.tide)
+    if p.earth_range > 0.0 and near(p.earth_range, n, w.X, w.P, EARTH):
+        zonal_harmonics(n, w.X, w.P, EARTH, p.gm[EARTH], p.earth_zonal, w.pole, A)
+    if p.relativity == 1:
+        sun_relativity(n, w.X, w.V, w.P, w.VS, p.gm[0], p.c2, A)
+    if p.radiation_on:
+        radiation(n, w.X, w.P, p.radiation_strength, A)
+    if p.nongrav_on:
+        nongrav(n, w.X, w.V, w.P, w.VS, p.nongrav_strength, A)
+
+
+@kernel
+def jacobian(n: int, w: Work, p: Physics) -> None:
+    """dA/dX, dA/dV and dA/d(parameters) at w.X, w.V, into w.G, w.K, w.F."""
+    for i in range(48):
+        w.S[i] = 0.0
+    for i in range(72):
+        w.K[i] = 0.0
+    point_masses_gradient(n, w.X, w.P, p.gm, w.S)
+    if p.earth_range > 0.0 and near(p.earth_range, n, w.X, w.P, EARTH):
+        zonal_harmonics_gradient(n, w.X, w.P, EARTH, p.gm[EARTH], p.earth_zonal, w.pole, w.S)
+    if p.radiation_on:
+        radiation_gradient(n, w.X, w.P, p.radiation_strength, p.radiation_unit, w.S, w.F[:24])
+    expand(n, w.S, w.G)
+    if p.relativity == 1:
+        sun_relativity_gradient(n, w.X, w.V, w.P, w.VS, p.gm[0], p.c2, w.G, w.K)
+    if p.nongrav_on:
+        nongrav_gradient(n, w.X, w.V, w.P, w.VS, p.nongrav_strength, p.nongrav_unit, w.G, w.K, w.F[24:])
+
+
+@kernel
+def weigh(n: int, M: Array, a: Array, rows: int, scale: float, out: Array) -> None:
+    """out[r, i] = scale sum_j M[j, i] a[r, j] for `rows` rows of 8 lanes: the 8 x 8 table times each row."""
+    for r in range(rows):
+        k = 8 * r
+        a0, a1, a2, a3 = scale * a[k], scale * a[k + 1], scale * a[k + 2], scale * a[k + 3]
+        a4, a5, a6, a7 = scale * a[k + 4], scale * a[k + 5], scale * a[k + 6], scale * a[k + 7]
+        for i in range(n):
+            out[k + i] = (a0 * M[i] + a1 * M[8 + i] + a2 * M[16 + i] + a3 * M[24 + i]) + (
+                a4 * M[32 + i] + a5 * M[40 + i] + a6 * M[48 + i] + a7 * M[56 + i]
+            )
+
+
+@kernel
+def extrapolation(ratio: float, E: Array) -> None:
+    """E[j, i]: Lagrange polynomial j of the last nodes at the new node i; ratio = new over last step length."""
+    for i in range(8):
+        x = 1.0 + ratio * NODES[i]
+        product = 1.0
+        for j in range(8):
+            product *= x - NODES[j]
+        for j in range(8):
+            E[8 * j + i] = product * BARYCENTRIC[j] / (x - NODES[j])
+
+
+@kernel
+def read_ephemeris(
+    n: int, t: float, h: float, w: Work, p: Physics, coefficients: Array, layout: Integers, timing: Array
+) -> None:
+    """Bodies, the Sun's velocity and the Earth's pole at the nodes of the step from t to t + h."""
+    for i in range(8):
+        w.t[i] = t + h * NODES[i]
+    bodies_at(n, w.t, coefficients, layout, timing, p.mass_ratio, w.P)
+    velocity_at(n, w.t, coefficients, layout, timing, 0, w.VS)
+    earth_pole(p.century + (t + 0.5 * h) / 3155760000.0, w.pole)
+
+
+@kernel
+def solve_state(n: int, w: Work, p: Physics, x: Array, v: Array, h: float, first: bool) -> tuple[bool, float, float]:
+    """Iterate the stage accelerations w.A to round-off.
+
+    Returns whether they converged, their round-off floor relative to their size (near a perturber the rounding of the
+    position is amplified by GM/r^3: without it the step control would chase noise), and their size.
+    """
+    if first:
+        for i in range(8):
+            for k in range(3):
+                w.X[8 * k + i] = x[k] + h * NODES[i] * v[k]
+                w.V[8 * k + i] = v[k]
+        acceleration(n, w, p, w.A)
+    else:
+        weigh(n, w.extrapolation, w.before, 3, 1.0, w.A)
+    last, noise, size = 1e300, 0.0, 1.0
+    for sweep in range(14):
+        weigh(n, AA_FLAT, w.A, 3, h * h, w.X)
+        weigh(n, A_FLAT, w.A, 3, h, w.V)
+        for k in range(3):
+            for i in range(8):
+                w.X[8 * k + i] += x[k] + h * NODES[i] * v[k]
+                w.V[8 * k + i] += v[k]
+        acceleration(n, w, p, w.B)
+        change, size = 0.0, 0.0
+        for i in range(24):
+            change = max(change, abs(w.B[i] - w.A[i]))
+            size = max(size, abs(w.B[i]))
+            w.A[i] = w.B[i]
+        if sweep == 0:
+            blur = (
+                8.0 * EPSILON * (abs(x[0]) + abs(x[1]) + abs(x[2]) + abs(w.t[7]) * (abs(v[0]) + abs(v[1]) + abs(v[2])))
+            )
+            noise = np.max(w.tide) * blur / size
+        change /= size
+        if change < EPSILON + noise or (change < 1e-13 + noise and change > 0.3 * last):
+            return True, noise, size
+        if sweep > 0 and change * change / last < 1e-16:  # the next change, by the contraction seen
+            return True, noise, size
+        if sweep > 1 and change > 0.5 * last and change > 1e-9:
+            return False, noise, size
+        last = change
+    return False, noise, size
+
+
+@kernel
+def variational(n: int, columns: Integers, px: Array, pv: Array, h: float, w: Work) -> None:
+    """Right-hand side of the variational equations: w.E = G dx + K dv (+ F for a parameter column)."""
+    G, K, DX, DV, E = w.G, w.K, w.DX, w.DV, w.E
+    for c in range(6 + columns.shape[0]):
+        k, o = 3 * c, 24 * c
+        x0, x1, x2, v0, v1, v2 = px[k], px[k + 1], px[k + 2], pv[k], pv[k + 1], pv[k + 2]
+        for i in range(n):
+            s = h * NODES[i]
+            a0, a1, a2 = DX[o + i] + x0 + s * v0, DX[o + 8 + i] + x1 + s * v1, DX[o + 16 + i] + x2 + s * v2
+            b0, b1, b2 = DV[o + i] + v0, DV[o + 8 + i] + v1, DV[o + 16 + i] + v2
+            E[o + i] = G[i] * a0 + G[8 + i] * a1 + G[16 + i] * a2 + K[i] * b0 + K[8 + i] * b1 + K[16 + i] * b2
+            E[o + 8 + i] = (
+                G[24 + i] * a0 + G[32 + i] * a1 + G[40 + i] * a2 + K[24 + i] * b0 + K[32 + i] * b1 + K[40 + i] * b2
+            )
+            E[o + 16 + i] = (
+                G[48 + i] * a0 + G[56 + i] * a1 + G[64 + i] * a2 + K[48 + i] * b0 + K[56 + i] * b1 + K[64 + i] * b2
+            )
+        if c >= 6:
+            f = 24 * columns[c - 6]
+            for i in range(24):
+                E[o + i] += w.F[f + i]
+
+
+@kernel
+def solve_variations(n: int, w: Work, columns: Integers, px: Array, pv: Array, h: float, first: bool) -> None:
+    """Iterate the accelerations w.D of all variation columns to round-off; the Jacobians are those of the state."""
+    count = 6 + columns.shape[0]
+    if first:
+        w.D[:] = 0.0
+    else:
+        weigh(n, w.extrapolation, w.D_before, 3 * count, 1.0, w.D)
+    last = 1e300
+    for _ in range(14):
+        weigh(n, AA_FLAT, w.D, 3 * count, h * h, w.DX)
+        weigh(n, A_FLAT, w.D, 3 * count, h, w.DV)
+        variational(n, columns, px, pv, h, w)
+        worst = 0.0
+        for c in range(count):
+            change, size = 0.0, 1e-300
+            for r in range(24 * c, 24 * c + 24, 8):
+                change = max(change, abs(w.E[r] - w.D[r]), abs(w.E[r + 7] - w.D[r + 7]))
+                size = max(size, abs(w.E[r]), abs(w.E[r + 7]))
+            worst = max(worst, change / size)
+        for i in range(24 * count):
+            w.D[i] = w.E[i]
+        if worst < 1e-14 or worst * worst / last < 1e-14:
+            return
+        last = worst
+
+
+@kernel
+def add_compensated(x: Array, lost: Array, k: int, term: float) -> None:
+    """x[k] += term, with the rounding error kept in lost[k] (Kahan)."""
+    y = term + lost[k]
+    z = x[k] + y
+    lost[k] = y - (z - x[k])
+    x[k] = z
+
+
+@kernel
+def advance(w: Work, x: Array, v: Array, lost_x: Array, lost_v: Array, h: float) -> None:
+    """Move the state to the end of the step."""
+    for k in range(3):
+        s, q = 0.0, 0.0
+        for i in range(8):
+            s += POSITION_WEIGHTS[i] * w.A[8 * k + i]
+            q += WEIGHTS[i] * w.A[8 * k + i]
+        add_compensated(x, lost_x, k, h * v[k] + h * h * s + h * lost_v[k])
+        add_compensated(v, lost_v, k, h * q)
+    for i in range(24):
+        w.before[i] = w.A[i]
+
+
+@kernel
+def advance_variations(w: Work, px: Array, pv: Array, h: float) -> None:
+    """Move the variations to the end of the step."""
+    for r in range(px.shape[0]):
+        s, q = 0.0, 0.0
+        for i in range(8):
+            s += POSITION_WEIGHTS[i] * w.D[8 * r + i]
+            q += WEIGHTS[i] * w.D[8 * r + i]
+        px[r] += h * pv[r] + h * h * s
+        pv[r] += h * q
+    for i in range(w.D.shape[0]):
+        w.D_before[i] = w.D[i]
+
+
+@kernel
+def last_coefficient(A: Array) -> float:
+    """Largest component of the degree 7 Legendre coefficient of the acceleration."""
+    largest = 0.0
+    for k in range(0, 24, 8):
+        s = 0.0
+        for i in range(8):
+            s += LAST_ROW[i] * A[k + i]
+        largest = max(largest, abs(s))
+    return largest
+
+
+@kernel
+def first_step(w: Work, p: Physics, x: Array, tolerance: float) -> float:
+    """A quarter of the shortest free-fall time to any body, w.P being the bodies at the start."""
+    shortest = 1e300
+    for b in range(p.gm.shape[0]):
+        r2 = (x[0] - w.P[b, 0]) ** 2 + (x[1] - w.P[b, 8]) ** 2 + (x[2] - w.P[b, 16]) ** 2
+        shortest = min(shortest, np.sqrt(r2 * np.sqrt(r2) / p.gm[b]))
+    return float(min(LARGEST_STEP_S, 0.25 * shortest * (tolerance / 1e-11) ** (1.0 / 7.0)))
+
+
+@kernel
+def store(s: Steps, k: int, t: float, h: float, x: Array, v: Array, px: Array, pv: Array, w: Work) -> None:
+    """Write step k."""
+    s.start[k], s.length[k], s.tide[k] = t, h, np.max(w.tide)
+    for i in range(3):
+        s.state[k, i], s.state[k, 3 + i] = x[i], v[i]
+    for i in range(24):
+        s.acceleration[k, i] = w.A[i]
+    rows = px.shape[0]
+    for i in range(rows):
+        s.variation[k, i], s.variation[k, rows + i] = px[i], pv[i]
+    for i in range(w.D.shape[0]):
+        s.variation_acceleration[k, i] = w.D[i]
+
+
+@kernel
+def integrate(
+    n: int, start: Array, end_s: float, coefficients: Array, layout: Integers, timing: Array, p: Physics,
+    columns: Integers, variations: bool, tolerance: float,
+) -> tuple[int, Steps]:  # fmt: skip
+    """Integrate from t = 0 to end_s (either sign).
+
+    Parameters
+    ----------
+    n : number of lanes, 8. A run-time number on purpose: a constant is unrolled before it can be vectorised.
+    start : shape (6,), barycentric position and velocity at t = 0, km, km/s.
+    end_s : TDB seconds after the epoch.
+    coefficients, layout, timing : the ephemeris window.
+    p : the forces.
+    columns : shape (q,), which of kappa, A1, A2, A3 are integrated.
+    variations : whether Phi and the q columns are integrated at all.
+    tolerance : limit of the last Legendre coefficient of the acceleration, relative.
+
+    Returns
+    -------
+    A status (OK, STALLED, TOO_MANY_STEPS) and the accepted steps.
+    """
+    count = 6 + columns.shape[0] if variations else 0
+    w = make_work(layout.shape[0], count)
+    x, v, lost_x, lost_v = start[:3].copy(), start[3:].copy(), np.zeros(3), np.zeros(3)
+    px, pv = np.zeros(3 * count), np.zeros(3 * count)
+    if variations:
+        for k in range(3):
+            px[4 * k], pv[9 + 4 * k] = 1.0, 1.0
+    steps, taken, sign = make_steps(64, count), 0, 1.0 if end_s > 0.0 else -1.0
+    read_ephemeris(n, 0.0, 0.0, w, p, coefficients, layout, timing)
+    t, h, h_before = 0.0, sign * first_step(w, p, x, tolerance), 0.0
+    while sign * (end_s - t) > 0.0:
+        ends = sign * (t + h - end_s) >= -1e-9 * abs(h)
+        t_next = end_s if ends else t + h
+        h = t_next - t
+        if abs(h) < SMALLEST_STEP_S and not ends:
+            return STALLED, resized(steps, taken, taken, count)
+        read_ephemeris(n, t, h, w, p, coefficients, layout, timing)
+        if h_before != 0.0:
+            extrapolation(h / h_before, w.extrapolation)
+        converged, noise, size = solve_state(n, w, p, x, v, h, h_before == 0.0)
+        error, limit = last_coefficient(w.A) / size, max(tolerance, noise)
+        if not converged or error > 20.0 * limit:
+            h *= max(0.2, 0.9 * (limit / error) ** (1.0 / 7.0)) if converged else 0.4
+            h_before = h_before if converged else 0.0
+            continue
+        if variations:
+            jacobian(n, w, p)
+            solve_variations(n, w, columns, px, pv, h, h_before == 0.0)
+        if taken == steps.start.shape[0]:
+            steps = resized(steps, taken, 2 * taken, count)
+        store(steps, taken, t, h, x, v, px, pv, w)
+        advance(w, x, v, lost_x, lost_v, h)
+        if variations:
+            advance_variations(w, px, pv, h)
+        t, h_before, taken = t_next, h, taken + 1
+        if taken >= MOST_STEPS:
+            return TOO_MANY_STEPS, resized(steps, taken, taken, count)
+        growth = 2.0 if error == 0.0 else 0.9 * (limit / error) ** (1.0 / 7.0)
+        h = sign * min(LARGEST_STEP_S, abs(h) * min(2.0, max(0.3, growth)))
+    return OK, resized(steps, taken, taken, count)

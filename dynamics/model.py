@@ -1,0 +1,172 @@
+"""Which forces act, with which values, and by which parameters the trajectory is differentiated."""
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from nebosvod.dynamics import nongrav as nongrav_module
+from nebosvod.dynamics import radiation as radiation_module
+from nebosvod.dynamics.constants import AU_D2_KM_S2, AU_KM, J2000_JD, RADIATION_KM3_S2_PER_M2_KG
+from nebosvod.dynamics.ephemeris import ASTEROIDS, PLANETS, Ephemeris
+from nebosvod.dynamics.nongrav import Nongrav
+from nebosvod.dynamics.radiation import RadiationPressure
+from nebosvod.errors import InputError
+from nebosvod.timescale import Epoch
+
+Array = npt.NDArray[np.float64]
+Relativity = Literal["none", "sun", "eih"]
+RELATIVITY: tuple[Relativity, ...] = ("none", "sun", "eih")
+# The J2 field of the Earth is summed inside this distance: cutting at 0.1 au costs 0.18 m in ten years.
+OBLATENESS_RANGE_KM = AU_KM
+# Columns that the kernel integrates; every parameter is a multiple of one of them
+COLUMNS = ("kappa", "a1", "a2", "a3")
+
+
+class Physics(NamedTuple):
+    """What the kernels need to know about the forces, as bare numbers and arrays."""
+
+    gm: Array  # (bodies,) km^3/s^2 in window order
+    c2: float  # speed of light squared, km^2/s^2
+    mass_ratio: float  # Earth to Moon
+    relativity: int  # place in RELATIVITY
+    earth_zonal: Array  # (4,) radius in km, J2, J3, J4
+    earth_range: float  # km; 0 switches the zonal harmonics off
+    century: float  # Julian centuries of the epoch after J2000
+    radiation_on: bool
+    radiation_strength: float  # km^3/s^2
+    radiation_unit: float  # km^3/s^2 per m^2/kg
+    nongrav_on: bool
+    nongrav_strength: Array  # (3,) km^3/s^2
+    nongrav_unit: float  # km^3/s^2 per au/d^2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ForceModel:
+    """The forces on an asteroid and the parameters of the sensitivity zeta.
+
+    Parameters
+    ----------
+    ephemeris : where the perturbers are.
+    asteroids : whether the 16 asteroids attract.
+    relativity : "none", "sun" (Schwarzschild term of the Sun) or "eih" (all planets).
+    earth_oblateness : J2, J3, J4 of the Earth, with its pole of date.
+    radiation : sphere in sunlight, or None.
+    nongrav : Marsden's A1, A2, A3, or None.
+    parameters : names of the columns of zeta in their order, of "radius_m", "mass_kg", "albedo", "thermal_emission"
+        (with radiation), "a1_au_d2", "a2_au_d2", "a3_au_d2" (with nongrav).
+
+    Raises
+    ------
+    InputError
+        For an unknown or repeated parameter, or one of a force that is off.
+    """
+
+    ephemeris: Ephemeris
+    asteroids: bool = True
+    relativity: Relativity = "sun"
+    earth_oblateness: bool = True
+    radiation: RadiationPressure | None = None
+    nongrav: Nongrav | None = None
+    parameters: tuple[str, ...] = ()
+    _gm: Array = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "parameters", tuple(self.parameters))
+        if self.relativity not in RELATIVITY:
+            raise InputError(f'relativity "{self.relativity}" is unknown (allowed: {", ".join(RELATIVITY)})')
+        for name in self.parameters:
+            self._check_parameter(name)
+        if len(set(self.parameters)) != len(self.parameters):
+            raise InputError(f"parameters {self.parameters} repeat a name")
+        bodies = PLANETS + ASTEROIDS if self.asteroids else PLANETS
+        gm = np.array([self.ephemeris.gm_km3_s2[body] for body in bodies])
+        object.__setattr__(self, "_gm", gm)
+
+    def _check_parameter(self, name: str) -> None:
+        """Refuse an unknown name and a parameter whose force is off."""
+        groups = (
+            (radiation_module.PARAMETERS, self.radiation, "radiation pressure"),
+            (nongrav_module.PARAMETERS, self.nongrav, "non-gravitational acceleration"),
+        )
+        for names, force, title in groups:
+            if name in names:
+                if force is None:
+                    raise InputError(f"parameter {name} needs {title}, which is off in this force model")
+                return
+        known = ", ".join(radiation_module.PARAMETERS + nongrav_module.PARAMETERS)
+        raise InputError(f'unknown dynamic parameter "{name}"; known: {known}')
+
+    @property
+    def values(self) -> Array:
+        """Current values of the parameters, shape (m,), in their order."""
+        found = []
+        for name in self.parameters:
+            owner = self.radiation if name in radiation_module.PARAMETERS else self.nongrav
+            found.append(float(getattr(owner, name)))
+        return np.array(found, dtype=np.float64)
+
+    def with_values(self, values: Mapping[str, float]) -> "ForceModel":
+        """The same model with some parameters at other values, e.g. {"radius_m": 171.0}."""
+        radiation, nongrav = self.radiation, self.nongrav
+        for name in values:
+            self._check_parameter(name)
+        mine = {name: float(v) for name, v in values.items() if name in radiation_module.PARAMETERS}
+        theirs = {name: float(v) for name, v in values.items() if name in nongrav_module.PARAMETERS}
+        if mine and radiation is not None:
+            radiation = dataclasses.replace(radiation, **mine)
+        if theirs and nongrav is not None:
+            nongrav = dataclasses.replace(nongrav, **theirs)
+        return ForceModel(
+            ephemeris=self.ephemeris,
+            asteroids=self.asteroids,
+            relativity=self.relativity,
+            earth_oblateness=self.earth_oblateness,
+            radiation=radiation,
+            nongrav=nongrav,
+            parameters=self.parameters,
+        )
+
+    def physics(self, epoch: Epoch) -> Physics:
+        """The bare numbers for the kernels, with times counted from `epoch`."""
+        scalars = self.ephemeris.scalars
+        kappa = 0.0 if self.radiation is None else self.radiation.kappa_m2_kg
+        accelerations = (
+            (0.0, 0.0, 0.0)
+            if self.nongrav is None
+            else (self.nongrav.a1_au_d2, self.nongrav.a2_au_d2, self.nongrav.a3_au_d2)
+        )
+        unit = AU_D2_KM_S2 * AU_KM**2
+        harmonics = ("earth_radius_km", "earth_j2", "earth_j3", "earth_j4")
+        return Physics(
+            gm=self._gm,
+            c2=float(scalars["speed_of_light_km_s"] ** 2),
+            mass_ratio=float(scalars["earth_moon_mass_ratio"]),
+            relativity=RELATIVITY.index(self.relativity),
+            earth_zonal=np.array([scalars[name] for name in harmonics]),
+            earth_range=float(OBLATENESS_RANGE_KM if self.earth_oblateness else 0.0),
+            century=float((epoch.day - J2000_JD + epoch.fraction) / 36525.0),
+            radiation_on=self.radiation is not None,
+            radiation_strength=float(RADIATION_KM3_S2_PER_M2_KG * kappa),
+            radiation_unit=float(RADIATION_KM3_S2_PER_M2_KG),
+            nongrav_on=self.nongrav is not None,
+            nongrav_strength=np.array(accelerations) * unit,
+            nongrav_unit=float(unit),
+        )
+
+    def columns(self) -> tuple[npt.NDArray[np.int64], Array]:
+        """Columns that the kernel integrates (places in COLUMNS), and the matrix (q, m) from them to the parameters."""
+        wanted: dict[int, dict[int, float]] = {}
+        kappa = {} if self.radiation is None else self.radiation.kappa_partials()
+        for place, name in enumerate(self.parameters):
+            column = 0 if name in kappa else 1 + nongrav_module.PARAMETERS.index(name)
+            wanted.setdefault(column, {})[place] = kappa.get(name, 1.0)
+        used = sorted(wanted)
+        chain = np.zeros((len(used), len(self.parameters)))
+        for row, column in enumerate(used):
+            for place, factor in wanted[column].items():
+                chain[row, place] = factor
+        return np.array(used, dtype=np.int64), chain

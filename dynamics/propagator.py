@@ -1,0 +1,99 @@
+"""propagate(...): the public face of the compiled integrator."""
+
+import numpy as np
+import numpy.typing as npt
+
+from nebosvod.dynamics import integrator
+from nebosvod.dynamics.dense import join
+from nebosvod.dynamics.ephemeris import PLANETS, Ephemeris
+from nebosvod.dynamics.integrator import Steps
+from nebosvod.dynamics.model import ForceModel
+from nebosvod.dynamics.trajectory import Trajectory, make_trajectory
+from nebosvod.errors import CoverageError, EventError, InputError
+from nebosvod.timescale import Epoch
+
+Array = npt.NDArray[np.float64]
+TOLERANCE = 1e-11
+LIGHT_TIME_MARGIN_S = 21600.0  # the light time over 43 au
+
+
+def propagate(
+    state_km_km_s: npt.ArrayLike,
+    epoch: Epoch,
+    t_s: npt.ArrayLike,
+    forces: ForceModel,
+    sensitivities: bool = True,
+    *,
+    tolerance: float = TOLERANCE,
+    margin_s: float = LIGHT_TIME_MARGIN_S,
+) -> Trajectory:
+    """Integrate an orbit with its transition matrix and parameter sensitivities.
+
+    Parameters
+    ----------
+    state_km_km_s : shape (6,), heliocentric ICRF position and velocity at `epoch`, km, km/s.
+    epoch : the reference epoch, t = 0.
+    t_s : shape (n,), TDB seconds after `epoch`, any order, either sign.
+    forces : the force model; `forces.parameters` are the columns of zeta.
+    sensitivities : whether Phi and zeta are integrated.
+    tolerance : last Legendre coefficient of the acceleration over a step, relative.
+    margin_s : how far before the first time the trajectory reaches, so that light-time solutions find their emission
+        time inside it; cut at the start of the ephemeris.
+
+    Raises
+    ------
+    InputError, CoverageError
+        If shapes are wrong or numbers not finite; if a time is outside the ephemeris.
+    EventError
+        If the orbit runs into a body; gives time and distance.
+    """
+    start = np.asarray(state_km_km_s, dtype=np.float64)
+    times = np.atleast_1d(np.asarray(t_s, dtype=np.float64))
+    if start.shape != (6,) or not np.isfinite(start).all():
+        raise InputError(f"state: needs six finite numbers (km, km/s), got {start}")
+    if times.ndim != 1 or not len(times) or not np.isfinite(times).all():
+        raise InputError(f"times: need shape (n,) with n > 0 and finite seconds, got shape {times.shape}")
+    low, high = _span(forces, epoch, min(0.0, float(times.min())), max(0.0, float(times.max())), margin_s)
+    window = forces.ephemeris.window(epoch, low, high, asteroids=forces.asteroids)
+    barycentric = start + forces.ephemeris.state_km_km_s("sun", epoch, 0.0)[0]
+    columns, chain = forces.columns()
+    if not sensitivities:
+        columns = columns[:0]
+    physics = forces.physics(epoch)
+    legs: list[Steps | None] = [None, None]
+    for leg, end_s in enumerate((low, high)):
+        if end_s != 0.0:
+            status, steps = integrator.integrate(
+                8, barycentric, end_s, window.coefficients, window.layout, window.timing, physics,
+                columns, sensitivities, float(tolerance),
+            )  # fmt: skip
+            if status != integrator.OK:
+                raise _stalled(forces.ephemeris, epoch, steps, end_s, start)
+            legs[leg] = steps
+    table = join(legs[0], legs[1], window, 6 + len(columns) if sensitivities else 0)
+    return make_trajectory(epoch, times, forces, table, chain, sensitivities)
+
+
+def _span(forces: ForceModel, epoch: Epoch, low: float, high: float, margin_s: float) -> tuple[float, float]:
+    """The span to integrate: with the margin, but inside the ephemeris; never empty."""
+    forces.ephemeris.require(epoch, [low, high], asteroids=forces.asteroids)
+    first, last = forces.ephemeris.coverage(asteroids=forces.asteroids)
+    low = max(low - margin_s, first - epoch)
+    if low == high:
+        high = min(1.0, last - epoch)
+    if low == high:
+        raise CoverageError(f"epoch {epoch} is an isolated point of the ephemeris {forces.ephemeris.source}")
+    return low, high
+
+
+def _stalled(ephemeris: Ephemeris, epoch: Epoch, steps: Steps, end_s: float, start: Array) -> EventError:
+    """The error for an integration that could not go on: a singularity, so the nearest body is named."""
+    t = float(steps.start[-1] + steps.length[-1]) if len(steps.start) else 0.0
+    sun = ephemeris.state_km_km_s("sun", epoch, t)[0]
+    position = steps.state[-1, :3] if len(steps.start) else start[:3] + sun[:3]
+    distances = {b: float(np.linalg.norm(position - ephemeris.position_km(b, epoch, t)[0])) for b in PLANETS}
+    body = min(distances, key=lambda name: distances[name])
+    return EventError(
+        f"the integration stops at {(epoch + t).iso()} on its way to {(epoch + end_s).iso()}: "
+        f"the asteroid is {distances[body]:.0f} km from the centre of {body}"
+    )

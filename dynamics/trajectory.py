@@ -1,0 +1,117 @@
+"""Trajectory: epochs, states, Phi and zeta, and the same at any other time of the integrated span."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from nebosvod.dynamics.dense import StepTable
+from nebosvod.dynamics.model import ForceModel
+from nebosvod.errors import CoverageError, InputError
+from nebosvod.timescale import Epoch
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Trajectory:
+    """An integrated orbit.
+
+    Attributes
+    ----------
+    epoch : t = 0; Phi and zeta start here.
+    t_s : shape (n,), TDB seconds after `epoch`, in the order asked for.
+    state : shape (n, 6), heliocentric ICRF position and velocity, km, km/s.
+    Phi : shape (n, 6, 6), d state(t) / d state(0).
+    zeta : shape (n, 6, m), d state(t) / d parameters, km and km/s per unit of the parameter.
+    sensitivities : whether Phi and zeta were integrated; asking for them otherwise raises InputError.
+    parameter_names : names of the columns of zeta.
+    forces : the model behind it.
+    """
+
+    epoch: Epoch
+    t_s: Array
+    state: Array
+    parameter_names: tuple[str, ...]
+    forces: ForceModel
+    sensitivities: bool
+    _partials: tuple[Array, Array] = field(repr=False)
+    _table: StepTable = field(repr=False)
+    _chain: Array = field(repr=False)
+
+    def __post_init__(self) -> None:
+        for array in (self.t_s, self.state, *self._partials):
+            array.flags.writeable = False
+
+    @property
+    def Phi(self) -> Array:
+        """Transition matrices from the epoch, shape (n, 6, 6)."""
+        return self._sensitivity(0)
+
+    @property
+    def zeta(self) -> Array:
+        """Sensitivities to the parameters, shape (n, 6, m)."""
+        return self._sensitivity(1)
+
+    def _sensitivity(self, which: int) -> Array:
+        if not self.sensitivities:
+            raise InputError(
+                "this trajectory was propagated without sensitivities; use propagate(..., sensitivities=True)"
+            )
+        return self._partials[which]
+
+    @property
+    def span_s(self) -> tuple[float, float]:
+        """First and last time at which `at` answers, seconds after the epoch."""
+        return float(self._table.edges[0]), float(self._table.edges[-1])
+
+    @property
+    def step_edges_s(self) -> Array:
+        """Edges of the integration steps, ascending, seconds after the epoch."""
+        return self._table.edges.copy()
+
+    def at(self, t_s: npt.ArrayLike) -> "Trajectory":
+        """The same trajectory at other times of the span, from the dense output.
+
+        Raises
+        ------
+        CoverageError
+            If a time lies outside `span_s`.
+        """
+        return make_trajectory(self.epoch, t_s, self.forces, self._table, self._chain, self.sensitivities)
+
+    def state_at(self, t_s: npt.ArrayLike) -> Array:
+        """Heliocentric states alone, shape (n, 6), km, km/s, at any times of the span."""
+        return self._table.evaluate(_inside(t_s, self._table), variations=False)[0]
+
+
+def make_trajectory(
+    epoch: Epoch, t_s: npt.ArrayLike, forces: ForceModel, table: StepTable, chain: Array, sensitivities: bool
+) -> Trajectory:
+    """Evaluate a table of steps at `t_s` (n,) and wrap it up; `chain` (q, m) maps kernel columns to parameters."""
+    times = _inside(t_s, table)
+    state, partials = table.evaluate(times, variations=sensitivities)
+    return Trajectory(
+        epoch=epoch,
+        t_s=times.copy(),
+        state=state,
+        sensitivities=sensitivities,
+        _partials=(np.ascontiguousarray(partials[:, :, :6]), partials[:, :, 6:] @ chain if sensitivities else partials),
+        parameter_names=forces.parameters if sensitivities else (),
+        forces=forces,
+        _table=table,
+        _chain=chain,
+    )
+
+
+def _inside(t_s: npt.ArrayLike, table: StepTable) -> Array:
+    """Times as a contiguous (n,) array, checked to lie inside the table (to 1 us, the grain of a decade in seconds)."""
+    times = np.ascontiguousarray(np.atleast_1d(np.asarray(t_s, dtype=np.float64)))
+    if times.ndim != 1:
+        raise InputError(f"times need shape (n,), got {times.shape}")
+    first, last = float(table.edges[0]), float(table.edges[-1])
+    outside = ~((times >= first - 1e-6) & (times <= last + 1e-6))
+    if outside.any():
+        bad = float(times[outside][0])
+        raise CoverageError(f"time {bad} s lies outside the integrated span {first} to {last} s; propagate further")
+    return times
