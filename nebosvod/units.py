@@ -42,7 +42,7 @@ class Dimension:
     def pattern(self) -> str:
         """A regular expression of what is accepted, for editors."""
         names = sorted([*self.factors, *self.aliases], key=len, reverse=True)
-        return rf"^\s*{NUMBER}\s*({'|'.join(re.escape(name).replace('/', '/') for name in names)})\s*$"
+        return rf"^\s*{NUMBER}\s*({'|'.join(re.escape(name) for name in names)})\s*$"
 
 
 def _dimension(name: str, article: str, example: str, factors: Mapping[str, float], **aliases: str) -> Dimension:

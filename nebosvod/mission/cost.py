@@ -84,5 +84,5 @@ def _amount(megabytes: float) -> str:
 def _duration(seconds: float) -> str:
     for limit, size, unit in ((120.0, 1.0, "s"), (7200.0, 60.0, "min"), (172800.0, 3600.0, "h"), (3e7, 86400.0, "d")):
         if seconds < limit:
-            return f"{seconds / size:.2g} {unit}"
+            return f"{seconds / size:.3g} {unit}"
     return f"{seconds / 31557600.0:,.3g} years"

@@ -14,7 +14,7 @@ from nebosvod.mission.model import Mission
 from nebosvod.yamlfile import Mark, Problem, Tree, YamlFile, dotted, shown
 
 _KINDS = {
-    "float_type": "a number without quotes",
+    "float_type": "a number",
     "int_type": "a whole number",
     "string_type": "text",
     "bool_type": "true or false",
@@ -25,10 +25,10 @@ _KINDS = {
     "int_from_float": "a whole number",
 }
 _BOUNDS = {
-    "greater_than": "more than {gt}",
-    "greater_than_equal": "{ge} or more",
-    "less_than": "less than {lt}",
-    "less_than_equal": "{le} or less",
+    "greater_than": "more than {gt:g}",
+    "greater_than_equal": "{ge:g} or more",
+    "less_than": "less than {lt:g}",
+    "less_than_equal": "{le:g} or less",
 }
 _QUOTED = re.compile(r"'([^']*)'")
 
@@ -67,6 +67,8 @@ class Explainer:
 
     def _explain_one(self, detail: ErrorDetails, path: KeyPath, rest: KeyPath) -> list[Problem]:
         kind, context = detail["type"], detail.get("ctx", {})
+        if kind in ("too_short", "too_long") and self._length_is_right(path, context):
+            return []  # pydantic counts the valid rows only, and the others have been reported
         if kind == "missing":
             return [self.problem((*path, *rest[-1:]), "is missing; every block of this kind needs it")]
         if kind == "extra_forbidden":
@@ -82,6 +84,11 @@ class Explainer:
         if kind == "value_error" and isinstance(context["error"], Complaints):
             return [self.problem((*path, *at), text) for at, text in context["error"].items]
         return [self.problem(path, self._sentence(kind, context, path, detail["msg"]))]
+
+    def _length_is_right(self, path: KeyPath, context: Mapping[str, Any]) -> bool:
+        value = self._value(path)
+        least, most = context.get("min_length", 0), context.get("max_length")
+        return isinstance(value, list) and len(value) >= least and (most is None or len(value) <= most)
 
     def _sentence(self, kind: str, context: Mapping[str, Any], path: KeyPath, message: str) -> str:
         if kind == "value_error":
@@ -108,10 +115,12 @@ class Explainer:
     def _got(self, path: KeyPath, allowed: str = "") -> str:
         """` (got X; allowed Y)`, X as it stands in the file."""
         tail = f"; allowed {allowed}" if allowed else ""
+        value = self._value(path)
+        if isinstance(value, str):
+            return f' (got "{shown(value, 60)}"{tail})'
         text = self.file.texts.get(path)
         if text is not None:
             return f" (got {shown(text, 60) or 'nothing'}{tail})"
-        value = self._value(path)
         names: dict[type, str] = {dict: "a block", list: "a list", type(None): "nothing"}
         return f" (got {names.get(type(value)) or shown(str(value), 60)}{tail})"
 

@@ -1,7 +1,7 @@
 """The building blocks of the mission's models: strict blocks, quantities with units, epochs, uncertain values."""
 
 from collections.abc import Callable, Sequence
-from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar
+from typing import Annotated, Any, Literal, Self, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, GetCoreSchemaHandler, GetJsonSchemaHandler, model_validator
 from pydantic.json_schema import JsonSchemaValue
@@ -151,8 +151,6 @@ def slug(text: str, fallback: str = "mission") -> str:
 class Uncertain(Block):
     """A value, how uncertain it is, and what an estimator does about it. A bare value is fixed."""
 
-    dimension: ClassVar[str] = ""
-
     value: float
     sigma: float | None = None
     treatment: Treatment = "fixed"
@@ -165,7 +163,7 @@ class Uncertain(Block):
     def complaints(self) -> list[tuple[KeyPath, str]]:
         """A sigma asks for a treatment; a treatment that needs a sigma must have one."""
         if self.sigma is not None and "treatment" not in self.model_fields_set:
-            return [((), f"treatment: is missing beside a sigma (allowed: {', '.join(TREATMENTS)})")]
+            return [(("treatment",), f"is missing beside a sigma (allowed: {', '.join(TREATMENTS)})")]
         if self.sigma is None and self.treatment in ("considered", "ignored"):
             return [(("treatment",), f"{self.treatment} needs a sigma: how wrong may the value be?")]
         return []

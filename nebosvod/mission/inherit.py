@@ -32,15 +32,17 @@ def resolve_like(file: YamlFile) -> tuple[Tree, Places, list[Problem]]:
 
 
 def _find(wanted: Tree, index: int, known: dict[str, int], file: YamlFile, problems: list[Problem]) -> int | None:
-    """Index of the telescope meant; None with a problem noted if there is none before this one."""
+    """Index of the telescope meant, or with a problem noted the likeliest; None if there is none before this one."""
     if isinstance(wanted, str) and wanted in known:
         return known[wanted]
-    near = get_close_matches(str(wanted)[:80], known, 1)
-    hint = f'did you mean "{near[0]}"?' if near else "a telescope can only be like an earlier one in the list"
+    near = get_close_matches(str(wanted)[:80], known, 1) or list(known)[:1]
+    hint = (
+        f'did you mean "{shown(near[0], 60)}"?' if near else "a telescope can only be like an earlier one in the list"
+    )
     mark = file.values[("telescopes", index, "like")]
     text = f'unknown telescope (got "{shown(str(wanted), 60)}"; allowed: {_listed(known)}); {hint}'
     problems.append(Problem(mark, f"telescopes[{index}].like: {text}"))
-    return None
+    return known[near[0]] if near else None  # so that the rest of the block is checked as if it were that one
 
 
 def _listed(names: dict[str, int]) -> str:

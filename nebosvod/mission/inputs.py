@@ -27,12 +27,13 @@ def inside(folder: Path | None, text: object) -> Path:
     try:
         home = folder.resolve()
         path = (home / text).resolve()
-        if not path.is_relative_to(home):
-            raise InputError(f'leads out of the folder of the mission (got "{shown(text, 80)}"); copy the file there')
-        if not path.is_file():
-            raise InputError(f'no such file (got "{shown(text, 80)}", looked for in {shown(str(home))})')
+        there = path.is_file()
     except (OSError, RuntimeError, ValueError) as error:
         raise InputError(f'is not a usable file name (got "{shown(text, 80)}": {shown(str(error))})') from None
+    if not path.is_relative_to(home):
+        raise InputError(f'leads out of the folder of the mission (got "{shown(text, 80)}"); copy the file there')
+    if not there:
+        raise InputError(f'no such file (got "{shown(text, 80)}", looked for in {shown(str(home))})')
     return path
 
 

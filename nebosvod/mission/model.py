@@ -6,7 +6,7 @@ a mass kg, A1..A3 au/d^2.
 
 import hashlib
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -92,6 +92,13 @@ class Mission(Block):
         return (self._path.parent / self.force_model.ephemeris).resolve()
 
     @property
+    def input_files(self) -> tuple[Path, ...]:
+        """Files beside the mission file that it reads, for the record."""
+        orbit = self.object.orbit
+        named = (orbit.file if isinstance(orbit, SbdbOrbit) else None, self.force_model.ephemeris)
+        return tuple((self._path.parent / name).resolve() for name in named if name is not None and self._path)
+
+    @property
     def text(self) -> str:
         """The text it came from."""
         return self._text
@@ -108,8 +115,14 @@ class Mission(Block):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Every dynamic parameter that acts, fixed ones included."""
-        return self.object.parameters
+        """Every dynamic parameter that acts, fixed ones included.
+
+        With `prior: orbit`, A1..A3 that came with the orbit are estimated: the covariance is joint with them.
+        """
+        joint = self.prior == "orbit"
+        return tuple(
+            replace(p, treatment="estimated") if joint and p.origin == "orbit" else p for p in self.object.parameters
+        )
 
     @property
     def free_parameters(self) -> tuple[Parameter, ...]:

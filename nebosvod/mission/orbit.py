@@ -2,11 +2,24 @@
 
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field, GetJsonSchemaHandler, model_validator
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema
 
 from nebosvod.errors import InputError
 from nebosvod.mission.covariance import COMETARY_SCALE, Matrix
-from nebosvod.mission.fields import Angle, Block, KeyPath, Length, Parsed, PositiveLength, Several, Speed, When
+from nebosvod.mission.fields import (
+    Angle,
+    Block,
+    Complaints,
+    KeyPath,
+    Length,
+    Parsed,
+    PositiveLength,
+    Several,
+    Speed,
+    When,
+)
 from nebosvod.timescale import Epoch
 from nebosvod.units import AU_KM, DEG
 
@@ -179,6 +192,7 @@ class SbdbCovariance(Printed):
     elements: Several[PrintedElement]
 
 
+_INVERSE_SQUARE = {"ALN": 1.0, "NK": 0.0, "NM": 2.0, "R0": 1.0}  # g(r) = (1 au/r)^2 in JPL's constants
 _ELEMENT_NAMES = {"e": "e", "q": "q", "tp": "tp", "om": "node", "w": "peri", "i": "i"}
 
 
@@ -193,10 +207,21 @@ class SbdbOrbit(Block):
     @model_validator(mode="before")
     @classmethod
     def _absent(cls, data: Any) -> Any:
-        """JPL prints null where an orbit has no model parameters."""
+        """A file or the block itself is needed; JPL prints null where an orbit has no model parameters."""
+        if isinstance(data, dict) and "covariance" not in data:
+            advice = "give file: ANSWER.json (cov=mat), or the covariance block that JPL prints"
+            raise Complaints([] if data.get("file") else [((), advice)])  # a bad file has been reported
         if isinstance(data, dict) and data.get("model_pars", ()) is None:
             return {key: value for key, value in data.items() if key != "model_pars"}
         return data
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, source: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        """The file stands for the blocks."""
+        block = handler.resolve_ref_schema(handler(source))
+        block["required"] = ["kind"]
+        block["anyOf"] = [{"required": ["file"]}, {"required": ["covariance"]}]
+        return block
 
     def complaints(self) -> list[tuple[KeyPath, str]]:
         """All six elements are there and are an orbit; labels and matrix fit; the force model is the one we have."""
@@ -211,12 +236,19 @@ class SbdbOrbit(Block):
             return [(("covariance", "elements"), str(error))]
         if e < 0.0 or q <= 0.0:
             return [(("covariance", "elements"), f"are no orbit (got e {e:g}, q {q:g} km; allowed e >= 0, q > 0)")]
-        wanted = {"ALN": 1.0, "NK": 0.0, "NM": 2.0, "R0": 1.0}
-        if any(name in constants for name in ("A1", "A2", "A3")):
-            other = [n for n, value in wanted.items() if constants.get(n, value) != value]
-            if other or not set(wanted) <= set(constants):
-                text = "the non-gravitational model is not g = (1 au/r)^2, the only one this version has"
-                return [(("model_pars",), f"{text} (needs ALN 1, NK 0, NM 2, R0 1)")]
+        alien = [name for name in constants if name not in ("A1", "A2", "A3", *_INVERSE_SQUARE)]
+        if alien:
+            return [(("model_pars",), f"this version does not have the force of {', '.join(alien)[:60]}")]
+        return self._law_complaints(constants)
+
+    @staticmethod
+    def _law_complaints(constants: dict[str, float]) -> list[tuple[KeyPath, str]]:
+        """A1..A3 must be meant with g = (1 au/r)^2; without the four constants JPL means the law of water ice."""
+        if not any(name in constants for name in ("A1", "A2", "A3")):
+            return []
+        if any(constants.get(name) != value for name, value in _INVERSE_SQUARE.items()):
+            text = "the non-gravitational model is not g = (1 au/r)^2, the only one this version has"
+            return [(("model_pars",), f"{text} (needs ALN 1, NK 0, NM 2, R0 1)")]
         return []
 
     @property

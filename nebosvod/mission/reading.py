@@ -1,6 +1,7 @@
 """From a mission file to a `Mission`: read, inherit, validate, and say everything that is wrong at once."""
 
 import os
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -102,7 +103,8 @@ def _repeated_names(tree: dict[str, Tree], explainer: Explainer) -> Iterator[tup
 def _refusal(file: YamlFile, problems: list[Problem]) -> InputError:
     """The exception with all problems, in the order of the file."""
     ordered = sorted(problems, key=lambda problem: problem.mark)
-    lines = list(dict.fromkeys(f"{file.name}:{p.mark.line}:{p.mark.column}: {p.text}" for p in ordered))
+    once = {(p.mark, re.sub(r"\[\d+\]", "", p.text)): p for p in reversed(ordered)}  # inherited values: say it once
+    lines = [f"{file.name}:{p.mark.line}:{p.mark.column}: {p.text}" for p in reversed(once.values())]
     if len(lines) > MAX_PROBLEMS:
         lines[MAX_PROBLEMS:] = [f"{file.name}: and {len(lines) - MAX_PROBLEMS} more"]
     return InputError("\n".join(lines))

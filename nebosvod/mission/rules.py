@@ -8,6 +8,7 @@ from functools import cache
 from importlib.resources import files
 from importlib.util import find_spec
 
+from nebosvod.errors import InputError
 from nebosvod.mission.fields import KeyPath
 from nebosvod.mission.model import Mission
 from nebosvod.mission.orbit import SbdbOrbit
@@ -22,12 +23,11 @@ _PER_TELESCOPE = ("bias", "position")
 
 def complaints(mission: Mission) -> list[Complaint]:
     """Everything that does not fit together, each with the path of the value to change."""
-    return [
-        *_references(mission),
-        *_coverage(mission),
-        *_prior(mission),
-        *(item for i, estimator in enumerate(mission.estimators) for item in _estimator(mission, i, estimator)),
-    ]
+    found = [*_references(mission), *_coverage(mission)]
+    prior = list(_prior(mission))
+    if prior:  # the rules of estimators ask what is in the prior
+        return found + prior
+    return found + [item for i, e in enumerate(mission.estimators) for item in _estimator(mission, i, e)]
 
 
 def unknown(wanted: str, known: Iterable[str], what: str) -> str:
@@ -109,8 +109,13 @@ def _prior(mission: Mission) -> Iterator[Complaint]:
             yield ("object", "orbit", "covariance", "labels"), text + " (allowed: e q tp node peri i A1 A2 A3)"
             return
     place: KeyPath = ("prior", "names") if isinstance(mission.prior, Prior) else ("prior",)
-    given = {p.name: p for p in mission.object.nongrav_parameters}
-    for name in mission.joint_parameters:
+    try:
+        joint = mission.joint_parameters
+    except InputError as error:
+        yield ("prior",), f"the covariance cannot be used: it {error}"
+        return
+    given = {p.name: p for p in mission.parameters}
+    for name in joint:
         parameter = given.get(f"{name.lower()}_au_d2")
         if parameter is None:
             yield place, f"{name} is in the prior but not in object.nongrav; give it a value there"

@@ -1,7 +1,7 @@
 """The asteroid: its orbit, brightness, body and non-gravitational parameters."""
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field
 
@@ -73,6 +73,7 @@ class Parameter:
     group : what the mission file calls it: radius, mass, density, albedo, geometric_albedo, ..., a1_residual.
     value, sigma : in the unit of the name; sigma None = no prior.
     treatment : as the object says; estimators may override it (`Mission.treatment`).
+    origin : "orbit" when the value came with an SBDB orbit.
     """
 
     name: str
@@ -80,6 +81,7 @@ class Parameter:
     value: float
     sigma: float | None
     treatment: Treatment
+    origin: Literal["object", "orbit"] = "object"
 
 
 class Target(Block):
@@ -140,6 +142,10 @@ class Target(Block):
     def _force_complaints(self) -> list[tuple[KeyPath, str]]:
         """A1 and radiation pressure are one column of the sensitivities (both fall as r^-2)."""
         nongrav = self.nongrav or Nongrav()
+        absent = self._values_absent(nongrav)
+        if absent:
+            text = f"has {', '.join(absent)} but no value of it; paste model_pars too, or give object.nongrav"
+            return [(("orbit", "covariance"), text)]
         if not self.has_radiation:
             if nongrav.a1_residual is not None:
                 return [(("nongrav", "a1_residual"), "needs radius, mass and albedo; without them say A1")]
@@ -154,6 +160,14 @@ class Target(Block):
         if len(diffuse) > 1:
             return [((diffuse[1],), f"{' and '.join(diffuse)} {one}")]
         return []
+
+    def _values_absent(self, nongrav: Nongrav) -> list[str]:
+        """A1..A3 in the covariance of an SBDB orbit whose values nobody says."""
+        if not isinstance(self.orbit, SbdbOrbit):
+            return []
+        said = [n for n in ("A1", "A2", "A3") if getattr(nongrav, n) or self.orbit.nongrav_value(n) is not None]
+        said += ["A1"] if nongrav.a1_residual else []
+        return [n for n in self.orbit.covariance.labels if n in ("A1", "A2", "A3") and n not in said]
 
     @property
     def has_radiation(self) -> bool:
@@ -191,7 +205,9 @@ class Target(Block):
                 found.append(_parameter(name, label, item))
             elif isinstance(self.orbit, SbdbOrbit) and self.orbit.nongrav_value(label) is not None:
                 value = self.orbit.nongrav_value(label) or 0.0
-                found.append(Parameter(name=name, group=label, value=value, sigma=None, treatment="fixed"))
+                found.append(
+                    Parameter(name=name, group=label, value=value, sigma=None, treatment="fixed", origin="orbit")
+                )
         return tuple(found)
 
     @property

@@ -102,7 +102,7 @@ class Position(Block):
         if (self.sigma is None) == (self.sigmas is None):
             found.append(((), "needs either sigma (every axis) or sigmas (a list of three)"))
         if self.correlation == "gauss_markov" and self.time is None:
-            found.append(((), 'time: is missing; gauss_markov needs its correlation time, for example "6 h"'))
+            found.append((("time",), 'is missing; gauss_markov needs its correlation time, for example "6 h"'))
         if self.correlation != "gauss_markov" and self.time is not None:
             found.append((("time",), f"belongs to gauss_markov only (got correlation {self.correlation})"))
         return found
@@ -144,5 +144,5 @@ def _one_or_pair(one: float | None, ra: float | None, dec: float | None) -> list
     if one is not None and (ra is not None or dec is not None):
         return [(("sigma",), "stands beside sigma_ra or sigma_dec; keep either sigma or the pair")]
     if one is None and (ra is None or dec is None):
-        return [((), "sigma: is missing (or sigma_ra and sigma_dec)")]
+        return [(("sigma",), "is missing (or sigma_ra and sigma_dec)")]
     return []
