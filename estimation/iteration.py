@@ -1,0 +1,182 @@
+"""Gauss-Newton for a nonlinear problem, with the prior kept where it was and damped steps.
+
+Re-using the last estimate as the prior mean with an unchanged covariance (as (2.110) of Guo and Ivashkin is
+printed) converges to the solution WITHOUT the prior while the covariance keeps it. Here the priors stay about the
+start point by construction: the caller linearises anew and never touches them.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from nebosvod.estimation.batch import solve as solve_batch
+from nebosvod.estimation.estimate import Estimate, Status
+from nebosvod.estimation.partition import Partition
+from nebosvod.estimation.problem import LinearProblem
+from nebosvod.estimation.whitening import Whitener
+
+Array = npt.NDArray[np.float64]
+Linearise = Callable[[Mapping[str, float]], LinearProblem]
+ARMIJO = 1e-4
+SHORTEST = 2.0**-20
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class IterationResult:
+    """Outcome of an iteration.
+
+    Attributes
+    ----------
+    estimate : of the problem linearised at the last point; its mean is the deviation from the START point.
+    status, message : how it ended, as a word and as a sentence.
+    iterations : steps taken.
+    deviation : estimated parameters as deviations from the start point.
+    cost : chi2 at the start and after each step (residuals, nuisances and priors).
+    steps : length of each full step in sigmas, root mean square over the parameters.
+    damping : fraction of each full step that was taken.
+    """
+
+    estimate: Estimate
+    status: Status
+    message: str
+    iterations: int
+    deviation: dict[str, float]
+    cost: tuple[float, ...]
+    steps: tuple[float, ...]
+    damping: tuple[float, ...]
+
+
+def gauss_newton(
+    linearise: Linearise,
+    start: Mapping[str, float] | None = None,
+    *,
+    solve: Callable[[LinearProblem], Estimate] = solve_batch,
+    tolerance: float = 1e-4,
+    limit: int = 20,
+) -> IterationResult:
+    """Minimise the nonlinear cost, residuals plus priors, by damped Gauss-Newton steps.
+
+    Parameters
+    ----------
+    linearise : takes deviations of the estimated parameters from the start point by name (absent = 0) and returns
+        the problem there: residual and partials at that point, PRIORS ABOUT THE START POINT, the same each time.
+    start : deviations to begin from.
+    solve : the linear solver of each step.
+    tolerance : convergence when a full step is shorter than this many sigmas (root mean square).
+    limit : number of steps allowed.
+
+    Returns
+    -------
+    IterationResult
+        Status converged, iteration_limit, not_observable or diverged; never an exception for the last three.
+
+    Notes
+    -----
+    s_i = s_{i-1} + lambda d with d from the problem at s_{i-1}, prior means moved to sbar - s_{i-1}: the same as
+    s_i = sbar + k [psi - h(s_{i-1}) - H (sbar - s_{i-1})] for lambda = 1. lambda is halved with the same normal
+    matrix until the cost drops by the Armijo fraction; the merit is the cost, never its gradient.
+    """
+    point = dict(start or {})
+    problem = linearise(point)
+    names = problem.names("estimated")
+    point = {name: float(point.get(name, 0.0)) for name in names}
+    costs, lengths, dampings = [cost(_recentred(problem, point))], [], []
+    status = Status.ITERATION_LIMIT
+    estimate = solve(_recentred(problem, point))
+    for _ in range(limit):
+        if estimate.solution is None:
+            status = Status.NOT_OBSERVABLE
+            break
+        length = step_length(estimate)
+        lengths.append(length)
+        if length <= tolerance:
+            status = Status.CONVERGED
+            break
+        found = _damped(linearise, point, estimate, costs[-1])
+        if found is None:
+            status = Status.DIVERGED
+            break
+        point, problem, value, fraction = found
+        costs.append(value)
+        dampings.append(fraction)
+        estimate = solve(_recentred(problem, point))
+    return IterationResult(
+        estimate=_about_start(estimate, point),
+        status=status,
+        message=estimate.message if status is Status.NOT_OBSERVABLE else status.sentence,
+        iterations=len(dampings),
+        deviation=point,
+        cost=tuple(costs),
+        steps=tuple(lengths),
+        damping=tuple(dampings),
+    )
+
+
+def cost(problem: LinearProblem) -> float:
+    """Return chi2 of a problem at zero deviation: weighted residuals, minimised over nuisances, plus priors.
+
+    A prior held exactly (zero covariance) does not contribute: the solver never leaves it.
+    """
+    partition = Partition.of(problem)
+    rows = problem.residual[:, :, None].copy()
+    for block in problem.blocks:
+        if block.treatment in ("considered", "ignored"):
+            place = [partition.left_out.index(name) for name in block.names]
+            rows[:, :, 0] -= block.H @ partition.left_out_mean[place]
+    Whitener.of(problem).whiten(rows)
+    total = float(np.sum(rows**2))
+    place_of = {name: index for index, name in enumerate(partition.estimated)}
+    for source in partition.sources:
+        inside = [place_of[name] for name in source.names[: source.inverse.shape[1]]]
+        total += float(np.sum((source.inverse @ partition.mean[inside]) ** 2))
+    return total
+
+
+def step_length(estimate: Estimate) -> float:
+    """Length of a step from the linearisation point in sigmas: root mean square over independent directions."""
+    whitened, *_ = np.linalg.lstsq(*_scaled(estimate.S_formal, estimate.mean), rcond=None)
+    return float(np.sqrt(np.mean(whitened**2))) if whitened.size else 0.0
+
+
+def _scaled(factor: Array, step: Array) -> tuple[Array, Array]:
+    """Bring the rows to sigma units, so that lstsq's rank cut-off does not depend on the parameters' units."""
+    sigma = np.linalg.norm(factor, axis=1)
+    unit = np.where(sigma > 0.0, sigma, 1.0)
+    return factor / unit[:, None], step / unit
+
+
+def _recentred(problem: LinearProblem, point: Mapping[str, float]) -> LinearProblem:
+    """Express the priors of estimated parameters, given about the start, about the point."""
+    priors = tuple(
+        replace(prior, mean=np.asarray(prior.mean) - np.array([point.get(name, 0.0) for name in prior.names]))
+        for prior in problem.priors
+    )
+    return replace(problem, priors=priors)
+
+
+def _damped(
+    linearise: Linearise, point: Mapping[str, float], estimate: Estimate, before: float
+) -> tuple[dict[str, float], LinearProblem, float, float] | None:
+    """Halve the step until the cost drops enough; None when no step does."""
+    # Along the exact descent the cost falls from `before` towards the linear minimum.
+    promised = max(before - estimate.chi2, 0.0)
+    fraction = 1.0
+    while fraction >= SHORTEST:
+        trial = {name: point[name] + fraction * step for name, step in zip(estimate.names, estimate.mean)}
+        problem = linearise(trial)
+        value = cost(_recentred(problem, trial))
+        # Round-off of a cost of this size must not stop an iteration that stands at its minimum.
+        if value <= before - ARMIJO * fraction * promised + 1e-10 * max(before, 1.0):
+            return trial, problem, value, fraction
+        fraction *= 0.5
+    return None
+
+
+def _about_start(estimate: Estimate, point: Mapping[str, float]) -> Estimate:
+    """Express the mean of the last linear estimate as the deviation from the start."""
+    if estimate.solution is None:
+        return estimate
+    moved = estimate.solution.mean + np.array([point[name] for name in estimate.names])
+    return replace(estimate, solution=replace(estimate.solution, mean=moved))

@@ -1,0 +1,193 @@
+"""Triangular factors: what every estimator computes with instead of covariances and their inverses.
+
+A covariance formed from a good factor can fail Cholesky when its condition number passes 1e16; the factor
+itself never does. So estimates carry S with K = S S^T, rows are reduced by orthogonal transformations, and a
+matrix is formed only to be shown.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.linalg import solve_triangular
+
+from nebosvod.errors import InputError
+
+Array = npt.NDArray[np.float64]
+
+EPS = float(np.finfo(np.float64).eps)
+OBSERVABLE_CONDITION = 1e13  # above this the smallest singular value is round-off of the largest
+
+
+def covariance_factor(covariance: Array, what: str) -> Array:
+    """Factor a positive semidefinite covariance as L L^T, without repairing one that is not.
+
+    Parameters
+    ----------
+    covariance : shape (k, k), symmetric; zero or singular is allowed.
+    what : name of the quantity, for the message.
+
+    Returns
+    -------
+    L : shape (k, r), r = rank; lower triangular when the covariance is positive definite.
+
+    Raises
+    ------
+    InputError
+        If the matrix is not symmetric or has a negative eigenvalue beyond round-off; names the eigenvalue.
+
+    Notes
+    -----
+    The correlation matrix is factored, not the covariance: units that differ by 1e12 then cost nothing.
+    """
+    size = covariance.shape[0]
+    variances = np.diag(covariance)
+    if (variances < 0.0).any():
+        raise InputError(f"{what}: covariance has a negative variance ({variances.min():.6g})")
+    sigma = np.sqrt(variances)
+    unit = np.where(sigma > 0.0, sigma, 1.0)
+    correlation = covariance / unit[:, None] / unit[None, :]
+    if np.abs(correlation - correlation.T).max(initial=0.0) > 1e-9:
+        raise InputError(f"{what}: covariance is not symmetric")
+    correlation = 0.5 * (correlation + correlation.T)
+    try:
+        factor: Array = unit[:, None] * np.linalg.cholesky(correlation)
+    except np.linalg.LinAlgError:
+        values, vectors = np.linalg.eigh(correlation)
+        if values[0] < -1e-12 * size:
+            smallest = np.linalg.eigvalsh(0.5 * (covariance + covariance.T))[0]
+            raise InputError(
+                f"{what}: covariance is not positive definite (smallest eigenvalue {smallest:.6g}, "
+                f"of the correlation matrix {values[0]:.6g}); give one that is, it is never repaired"
+            ) from None
+        kept = values > 1e-14 * size
+        factor = unit[:, None] * vectors[:, kept] * np.sqrt(values[kept])
+    return factor
+
+
+def lower_factor(wide: Array) -> Array:
+    """Return the square lower triangular L (k, k) with L L^T = wide wide^T, for wide (k, m) of any m."""
+    size = wide.shape[0]
+    upper: Array = np.asarray(np.linalg.qr(wide.T, mode="r"))
+    factor = np.zeros((size, size))
+    factor[:, : upper.shape[0]] = upper.T
+    sign = np.where(np.diag(factor) < 0.0, -1.0, 1.0)
+    return factor * sign
+
+
+def gram_factor(gram: Array) -> Array:
+    """Factor a Gram matrix (k, k) that is semidefinite by construction; round-off below zero is cut."""
+    values, vectors = np.linalg.eigh(0.5 * (gram + gram.T))
+    kept = values > 4.0 * EPS * max(values[-1], 0.0)
+    factor: Array = vectors[:, kept] * np.sqrt(values[kept])
+    return factor
+
+
+def append_rows(triangle: Array, rows: Array, chunk: int = 16384) -> Array:
+    """Reduce [triangle; rows] (., w) to upper trapezoidal form by Householder QR, a chunk at a time.
+
+    The memory beyond the rows is one chunk, and time is linear in the number of rows.
+    """
+    for start in range(0, rows.shape[0], chunk):
+        triangle = np.asarray(np.linalg.qr(np.vstack([triangle, rows[start : start + chunk]]), mode="r"))
+    return triangle
+
+
+def solve_upper(R: Array, right: Array) -> Array:
+    """Solve R x = right for upper triangular R (s, s)."""
+    if R.shape[0] == 0:
+        return np.zeros(right.shape)
+    solution: Array = solve_triangular(R, right, check_finite=False)
+    return solution
+
+
+def solve_lower(L: Array, right: Array) -> Array:
+    """Solve L x = right for lower triangular L (s, s)."""
+    if L.shape[0] == 0:
+        return np.zeros(right.shape)
+    solution: Array = solve_triangular(L, right, lower=True, check_finite=False)
+    return solution
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Conditioning:
+    """How well a triangle R (s, s) determines its unknowns, after scaling its columns to unit length.
+
+    `direction` (s,) is the worst determined combination in the units of the unknowns, scaled columns removed.
+    """
+
+    number: float
+    rank: int
+    direction: Array
+
+    @property
+    def observable(self) -> bool:
+        """Whether the smallest singular value is more than round-off."""
+        return self.number <= OBSERVABLE_CONDITION
+
+
+def conditioning(R: Array) -> Conditioning:
+    """Measure the column-scaled condition number, rank and weakest direction of a triangle."""
+    lengths = np.linalg.norm(R, axis=0)
+    unit = np.where(lengths > 0.0, lengths, 1.0)
+    _, values, vectors = np.linalg.svd(R / unit)
+    rank = int((values > values[0] / OBSERVABLE_CONDITION).sum()) if values[0] > 0.0 else 0
+    number = float(values[0] / values[-1]) if values[-1] > 0.0 else np.inf
+    return Conditioning(number=number, rank=rank, direction=vectors[-1] / unit)
+
+
+def cholesky_rows(stack: Array, what: str) -> Array:
+    """Lower Cholesky factors of a stack (n, p, p), vectorised over n because p is small.
+
+    Raises
+    ------
+    InputError
+        If one is not positive definite; names its index and smallest eigenvalue.
+    """
+    size = stack.shape[1]
+    L = np.zeros(stack.shape)
+    for j in range(size):
+        pivot = stack[:, j, j] - np.einsum("nk,nk->n", L[:, j, :j], L[:, j, :j])
+        bad = ~(pivot > 4.0 * EPS * stack[:, j, j])
+        if bad.any():
+            index = int(np.argmax(bad))
+            smallest = np.linalg.eigvalsh(stack[index])[0]
+            raise InputError(
+                f"{what}: covariance of measurement {index} is not positive definite "
+                f"(smallest eigenvalue {smallest:.6g})"
+            )
+        L[:, j, j] = np.sqrt(pivot)
+        for i in range(j + 1, size):
+            L[:, i, j] = (stack[:, i, j] - np.einsum("nk,nk->n", L[:, i, :j], L[:, j, :j])) / L[:, j, j]
+    return L
+
+
+def root_rows(stack: Array) -> Array:
+    """Square factors C (n, k, k), C C^T = each covariance of a stack; singular ones are allowed."""
+    values, vectors = np.linalg.eigh(0.5 * (stack + stack.transpose(0, 2, 1)))
+    return np.ascontiguousarray(vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :])
+
+
+def solve_rows(L: Array, rows: Array) -> None:
+    """Replace rows (n, p, w) by L^-1 rows in place, for a stack of lower triangles (n, p, p)."""
+    for i in range(L.shape[1]):
+        for j in range(i):
+            rows[:, i] -= L[:, i, j, None] * rows[:, j]
+        rows[:, i] /= L[:, i, i, None]
+
+
+def solve_rows_transposed(L: Array, rows: Array) -> None:
+    """Replace rows (n, p, w) by L^-T rows in place, for a stack of lower triangles (n, p, p)."""
+    for i in range(L.shape[1] - 1, -1, -1):
+        for j in range(i + 1, L.shape[1]):
+            rows[:, i] -= L[:, j, i, None] * rows[:, j]
+        rows[:, i] /= L[:, i, i, None]
+
+
+def multiply_rows(stack: Array, rows: Array) -> Array:
+    """Return stack (n or 1, a, p) times rows (n, p, w), vectorised over n because a and p are small."""
+    out = np.zeros((rows.shape[0], stack.shape[1], rows.shape[2]))
+    for i in range(stack.shape[1]):
+        for j in range(stack.shape[2]):
+            out[:, i] += stack[:, i, j, None] * rows[:, j]
+    return out
