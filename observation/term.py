@@ -113,16 +113,26 @@ def check_treatment(name: str, treatment: str) -> None:
 
 
 def root(covariance: Array) -> Array:
-    """Symmetric square roots (..., q, q) of covariances that may be singular.
+    """Square roots S (..., q, q), S S^T = covariance, of covariances that may be singular.
 
     Raises
     ------
     InputError
-        If a covariance has an eigenvalue below -1e-12 of its largest; it is never repaired silently.
+        If a correlation matrix has an eigenvalue below -1e-12 of its largest; it is never repaired silently.
+
+    Notes
+    -----
+    The eigenvalues are those of the correlations, so that km and km/s may stand in one matrix.
     """
-    value, vector = np.linalg.eigh(covariance)
+    variance = np.diagonal(covariance, axis1=-2, axis2=-1)
+    sigma = np.sqrt(np.maximum(variance, 0.0))
+    unit = np.where(sigma > 0.0, sigma, 1.0)
+    value, vector = np.linalg.eigh(covariance / (unit[..., :, None] * unit[..., None, :]))
     if np.any(value[..., 0] < -1e-12 * np.abs(value[..., -1])):
-        raise InputError(f"covariance is not positive semi-definite (smallest eigenvalue {value[..., 0].min():.3g})")
-    scaled = vector * np.sqrt(np.maximum(value, 0.0))[..., None, :]
-    factor: Array = scaled @ np.swapaxes(vector, -1, -2)
+        raise InputError(
+            "covariance is not positive semi-definite "
+            f"(smallest eigenvalue of the correlations {value[..., 0].min():.3g})"
+        )
+    symmetric = (vector * np.sqrt(np.maximum(value, 0.0))[..., None, :]) @ np.swapaxes(vector, -1, -2)
+    factor: Array = unit[..., :, None] * symmetric
     return factor

@@ -22,9 +22,9 @@ SPACECRAFT = {
     "behind the Earth": HeliocentricCompanion(lead_rad=-0.17),
     "across the Sun": HeliocentricCompanion(lead_rad=3.0),
 }
-# Partials agree to 1e-8 of the largest entry of their row: fourth-order differences with a step of 1e-3 of the scale
+# Partials agree to 1e-9 of the largest entry of their row: fourth-order differences with a step of 1e-3 of the scale
 # leave 1e-12 of truncation and 1e-12 of round-off, what remains is the formula.
-RELATIVE = 1e-8
+RELATIVE = 1e-9
 
 
 def telescope(spacecraft, name="A", **options):
@@ -120,8 +120,8 @@ def test_rate_is_the_derivative_by_time(observation, two_body, spacecraft, ephem
     numeric = support.derivative(
         lambda h: residual(sight(two_body, spacecraft, inner + h, ephemeris).psi, observation.psi[1:]), 120.0
     )
-    # five-point differences over 120 s: (omega h)^4 / 30 = 2e-10 of the parallax rate; round-off 2e-16 / 1e-5
-    assert agree(observation.rate[1:], numeric) < RELATIVE
+    # the velocity of the geostationary ring leaves precession out: 4e-7 km/s of 40
+    assert agree(observation.rate[1:], numeric) < 1e-8
 
 
 def test_noise_is_tilted_along_the_motion_by_the_clock_error(two_body, ephemeris):

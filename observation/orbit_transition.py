@@ -1,0 +1,119 @@
+"""How an error of a spacecraft's orbit grows: the transition matrix along the orbit it actually flies.
+
+One mechanism serves every kind of orbit: the variational equations of free fall in the gravity of Sun, Earth and Moon,
+along the track that the spacecraft gives. It needs no elements, so it holds for tables, files and halo orbits alike
+(about L1 and L2 it finds their instability by itself). Manoeuvres, harmonics of the Earth and drag are not in it.
+"""
+
+import numpy as np
+
+from nebosvod.errors import InputError
+from nebosvod.observation.contracts import Array, Ephemeris
+from nebosvod.observation.spacecraft import Spacecraft
+from nebosvod.observation.term import Rows
+from nebosvod.timescale import Epoch
+
+ATTRACTORS = ("sun", "earth", "moon")
+STEP_PHASE = 0.05  # step of the integration in units of 1/sqrt(GM/r^3): 125 steps a revolution
+SURVEY = 512  # track points that decide the step
+MAX_STEPS = 2_000_000
+TAYLOR_ORDER = 8  # of exp(Omega / 16), whose size is 1/16: remainder 1e-16
+
+
+def transitions(spacecraft: Spacecraft, ephemeris: Ephemeris, epoch: Epoch, start_s: Array, t_s: Array) -> Array:
+    """Partials (n, 6, 6) of the spacecraft's state at `t_s` by its state at `start_s`, both (n,), ICRF, km and km/s.
+
+    Times may repeat and come in any order; rows that share a start share the work.
+
+    Raises
+    ------
+    InputError
+        If the orbit is so tight, or the arc so long, that the integration would take over two million steps.
+
+    Notes
+    -----
+    dPhi/dt = [[0, I], [G(t), 0]] Phi with the gravity gradient G, by the fourth-order Magnus expansion on two Gauss
+    points a step: every step is an exact exponential, so a circular orbit keeps its invariants for any length of arc.
+    """
+    Phi = np.empty((t_s.size, 6, 6))
+    for start in np.unique(start_s):
+        mine = np.flatnonzero(start_s == start)
+        for side in (mine[t_s[mine] >= start], mine[t_s[mine] < start][::-1]):
+            if side.size:
+                order = side[np.argsort(np.abs(t_s[side] - start), kind="stable")]
+                Phi[order] = _march(spacecraft, ephemeris, epoch, float(start), t_s[order])
+    return Phi
+
+
+def _march(spacecraft: Spacecraft, ephemeris: Ephemeris, epoch: Epoch, start: float, stops: Array) -> Array:
+    """Transitions (k, 6, 6) from `start` to `stops`, which lie on one side of it, nearest first."""
+    edges = np.concatenate([[start], stops])
+    survey = np.linspace(edges[0], edges[-1], min(SURVEY, 2 + 8 * stops.size))
+    fastest = np.sqrt(np.max(np.abs(_gradient(spacecraft, ephemeris, epoch, survey)))) + 1e-12
+    counts = np.ceil(np.abs(np.diff(edges)) * fastest / STEP_PHASE).astype(np.int64)
+    if counts.sum() > MAX_STEPS:
+        raise InputError(
+            f"orbit error: {counts.sum()} integration steps for one interval (allowed {MAX_STEPS}); "
+            "give the orbit error a shorter renewal"
+        )
+    lengths = np.repeat(np.diff(edges) / np.maximum(counts, 1), counts)
+    begins = np.repeat(edges[:-1], counts) + lengths * _ranks(counts)
+    steps = _step_matrices(spacecraft, ephemeris, epoch, begins, lengths)
+    current, place = np.eye(6), 0
+    found = np.empty((stops.size, 6, 6))
+    for k, count in enumerate(counts):
+        for step in steps[place : place + count]:
+            current = step @ current
+        place += count
+        found[k] = current
+    return found
+
+
+def _ranks(counts: Rows) -> Array:
+    """0, 1, ..., counts[0] - 1, 0, 1, ..., counts[1] - 1, ... as floats."""
+    ends = np.cumsum(counts)
+    return np.arange(ends[-1] if counts.size else 0) - np.repeat(ends - counts, counts).astype(np.float64)
+
+
+def _step_matrices(spacecraft: Spacecraft, ephemeris: Ephemeris, epoch: Epoch, begins: Array, lengths: Array) -> Array:
+    """exp(Omega) (k, 6, 6) of each step; velocities are scaled by the step inside, so that entries are of one size."""
+    half, root = 0.5, np.sqrt(3.0) / 6.0
+    first = _gradient(spacecraft, ephemeris, epoch, begins + (half - root) * lengths)
+    second = _gradient(spacecraft, ephemeris, epoch, begins + (half + root) * lengths)
+    h = lengths[:, None, None]
+    Omega = np.zeros((lengths.size, 6, 6))
+    Omega[:, :3, 3:] = np.eye(3)
+    Omega[:, 3:, :3] = h**2 * (first + second) / 2.0
+    # sqrt(3)/12 h^2 [A2, A1], and [A2, A1] = diag(G1 - G2, G2 - G1)
+    twist = root / 2.0 * h**2 * (first - second)
+    Omega[:, :3, :3] = twist
+    Omega[:, 3:, 3:] = -twist
+    result = _exponential(Omega)
+    result[:, :3, 3:] *= h
+    result[:, 3:, :3] /= h
+    return result
+
+
+def _exponential(Omega: Array) -> Array:
+    """exp of matrices (k, 6, 6) of size 1, mostly the identity in the upper right block: four halvings, Taylor."""
+    small = Omega / 16.0
+    term = np.broadcast_to(np.eye(6), Omega.shape)
+    total = term.copy()
+    for order in range(1, TAYLOR_ORDER + 1):
+        term = term @ small / order
+        total += term
+    for _ in range(4):
+        total = total @ total
+    return total
+
+
+def _gradient(spacecraft: Spacecraft, ephemeris: Ephemeris, epoch: Epoch, t_s: Array) -> Array:
+    """Gravity gradient (n, 3, 3), 1/s^2, at the spacecraft."""
+    place = spacecraft.state_km_km_s(ephemeris, epoch, t_s)[:, :3]
+    G = np.zeros((t_s.size, 3, 3))
+    for body in ATTRACTORS:
+        r = place - ephemeris.position_km(body, epoch, t_s)
+        distance = np.linalg.norm(r, axis=1)[:, None, None]
+        u = r[:, :, None] / distance
+        G += ephemeris.gm_km3_s2[body] / distance**3 * (3.0 * u * np.swapaxes(u, 1, 2) - np.eye(3))
+    return G
