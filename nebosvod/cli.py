@@ -62,7 +62,7 @@ def run(mission: str, output: Path | None, seed: int, overwrite: bool, as_json: 
     from nebosvod.result import RunFolder, default_folder
 
     loaded = load_mission(mission)
-    folder = output if output is not None else default_folder(loaded.name)
+    folder = output if output is not None else default_folder(loaded.slug)
     with RunFolder(folder, overwrite=overwrite) as target:
         from nebosvod.pipeline import run as run_mission
 

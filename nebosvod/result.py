@@ -9,9 +9,7 @@ import fcntl
 import hashlib
 import json
 import os
-import re
 import shutil
-import unicodedata
 from collections.abc import Mapping
 from dataclasses import dataclass
 from io import BytesIO, StringIO
@@ -87,16 +85,9 @@ def json_text(value: Mapping[str, Any]) -> str:
     return json.dumps(value, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
-def slug(name: str) -> str:
-    """A file name made from any text: ASCII letters, digits, dot, dash, underscore; never empty, never hidden."""
-    plain = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode()
-    kept = re.sub(r"[^A-Za-z0-9._-]+", "-", plain).strip("-._")
-    return kept[:80] or "mission-" + hashlib.sha256(name.encode("utf-8", "surrogatepass")).hexdigest()[:8]
-
-
-def default_folder(mission_name: str) -> Path:
+def default_folder(mission_slug: str) -> Path:
     """`./<mission name>-run`."""
-    return Path(f"{slug(mission_name)}-run")
+    return Path(f"{mission_slug}-run")
 
 
 def require_run_folder(path: Path) -> None:
@@ -219,7 +210,7 @@ class RunFolder:
 
 def write_files(folder: Path, result: Result) -> None:
     """Write every file of a run into `folder`: the report from the files, the manifest last, with their hashes."""
-    from nebosvod.report import make_report
+    from nebosvod.report.page import make_report
 
     (folder / "tables").mkdir()
     for name, table in result.tables.items():
@@ -233,7 +224,7 @@ def write_files(folder: Path, result: Result) -> None:
 
 def rewrite_report(folder: Path) -> Path:
     """Make report.html anew from the files of a run; returns its path."""
-    from nebosvod.report import make_report
+    from nebosvod.report.page import make_report
 
     require_run_folder(folder)
     fresh = folder / ".report.html.partial"

@@ -1,0 +1,170 @@
+"""Where the rooms meet: trajectory + telescopes + nuisances -> the matrices of estimation's LinearProblem.
+
+Data flow, for one linearisation at a `Point` (a value for every uncertain parameter):
+
+    Point --propagate--> Trajectory --observe, merge--> Observation (psi, H_x0, H_c, H_z)
+    nuisances --term--> what each does to the measurements (H, covariance)
+    residual = observed - computed; blocks = state | each dynamic parameter | each common nuisance
+    priors   = what is known of each beforehand, as a deviation from the start of the iteration
+
+Cost and memory are linear in the number of measurements.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from nebosvod.dynamics import Trajectory
+from nebosvod.estimation import Block, LinearProblem, Markov, Prior, White
+from nebosvod.mission import Estimator
+from nebosvod.mission.fields import Treatment
+from nebosvod.observation import Common, Observation, Term, merge, observe, residual
+from nebosvod.observation import Markov as MarkovTerm
+from nebosvod.observation.direction import offset
+from nebosvod.prior import STATE_NAMES, PriorTable
+from nebosvod.scene import Scene
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Point:
+    """Where the problem is linearised: the state (6,) and a value for every parameter and common nuisance."""
+
+    state: Array
+    parameters: Mapping[str, float]
+    nuisances: Mapping[str, float]
+
+    def moved(self, deviation: Mapping[str, float]) -> "Point":
+        """The point displaced by deviations of some of its values, by name."""
+        step = np.array([deviation.get(name, 0.0) for name in STATE_NAMES])
+        return Point(
+            state=self.state + step,
+            parameters={name: value + deviation.get(name, 0.0) for name, value in self.parameters.items()},
+            nuisances={name: value + deviation.get(name, 0.0) for name, value in self.nuisances.items()},
+        )
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Every value by name."""
+        return {**dict(zip(STATE_NAMES, self.state.tolist())), **self.parameters, **self.nuisances}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class View:
+    """What is computed at one point: the orbit, the measurements with partials, and what the nuisances do to them."""
+
+    point: Point
+    trajectory: Trajectory
+    observation: Observation
+    terms: tuple[Term, ...]
+
+
+def nominal_point(scene: Scene) -> Point:
+    """The reference orbit with every parameter at its nominal value and every nuisance at its mean."""
+    observation = _observation(scene, scene.trajectory)
+    means = {
+        name: float(value)
+        for term in _terms(scene, observation)
+        if isinstance(term, Common)
+        for name, value in zip(term.names, term.mean)
+    }
+    values = {parameter.name: parameter.value for parameter in scene.mission.free_parameters}
+    return Point(state=scene.state, parameters=values, nuisances=means)
+
+
+def view(scene: Scene, point: Point) -> View:
+    """Propagate and observe at a point."""
+    trajectory = scene.propagate(point.state, scene.forces.with_values(point.parameters))
+    observation = _observation(scene, trajectory)
+    return View(point=point, trajectory=trajectory, observation=observation, terms=_terms(scene, observation))
+
+
+def computed_psi(seen: View) -> Array:
+    """Computed directions (n, 2) with the common nuisances at the values of the point."""
+    shift = np.zeros((seen.observation.t_s.size, 2))
+    for term in seen.terms:
+        if isinstance(term, Common):
+            shift += term.H @ np.array([seen.point.nuisances[name] for name in term.names])
+    return offset(seen.observation.psi, shift)
+
+
+def linear_problem(
+    scene: Scene, estimator: Estimator, seen: View, observed_psi: Array, priors: PriorTable, about: Point
+) -> LinearProblem:
+    """The estimation problem of one estimator, linearised at the point of `seen`.
+
+    Parameters
+    ----------
+    observed_psi : shape (n, 2), rad, rows as in `seen.observation`.
+    priors : what is known beforehand (`nebosvod.prior.prior_table`).
+    about : the point from which the prior means count, the start of an iteration.
+    """
+    mission, observation = scene.mission, seen.observation
+    blocks = [Block(name="state", names=STATE_NAMES, H=observation.H_x0, treatment="estimated")]
+    for column, parameter in enumerate(mission.free_parameters):
+        treatment = mission.treatment(estimator, parameter.group)
+        H = observation.H_c[:, :, column : column + 1]
+        blocks.append(Block(name=parameter.group, names=(parameter.name,), H=H, treatment=treatment))
+    own: list[Prior] = []
+    white: list[White] = []
+    markov: list[Markov] = []
+    for term in seen.terms:
+        treatment = nuisance_treatment(scene, estimator, term.name)
+        if isinstance(term, Common):
+            blocks.append(Block(name=term.name, names=term.names, H=term.H, treatment=treatment))
+            if term.covariance.any():
+                mean = term.mean - np.array([about.nuisances[name] for name in term.names])
+                own.append(Prior(name=term.name, names=term.names, covariance=term.covariance, mean=mean))
+        elif isinstance(term, MarkovTerm):
+            markov.append(
+                Markov(name=term.name, H=term.H, F=term.F, Q=term.Q, P0=term.P0, rows=term.rows, treatment=treatment)
+            )
+        else:
+            white.append(White(name=term.name, H=term.H, Q=term.Q, rows=term.rows, treatment=treatment))
+    return LinearProblem(
+        residual=residual(observed_psi, computed_psi(seen)),
+        R=observation.noise,
+        blocks=tuple(blocks),
+        priors=(*priors.at(about.values), *own),
+        white=tuple(white),
+        markov=tuple(markov),
+        noise_label=observation.telescope_index,
+        noise_names=tuple(f"measurement noise {telescope.name}" for telescope in observation.telescopes),
+        scale=_typical_sizes(scene),
+    )
+
+
+def nuisance_treatment(scene: Scene, estimator: Estimator, name: str) -> Treatment:
+    """What an estimator does with the nuisance of this name, as `bias NEB-1` or `telescope position NEB-1`."""
+    for telescope in scene.telescopes:
+        if name == f"bias {telescope.name}":
+            return scene.mission.treatment(estimator, "bias", telescope.name)
+        if name == f"telescope position {telescope.name}":
+            return scene.mission.treatment(estimator, "position", telescope.name)
+    raise KeyError(name)
+
+
+def _observation(scene: Scene, trajectory: Trajectory) -> Observation:
+    """The measurements of all telescopes that see anything, rows by time, then telescope."""
+    seen = [
+        observe(trajectory, telescope, times, scene.ephemeris)
+        for number, telescope in enumerate(scene.telescopes)
+        if (times := scene.exposures_s(number)).size
+    ]
+    return merge(seen)
+
+
+def _terms(scene: Scene, observation: Observation) -> tuple[Term, ...]:
+    return tuple(nuisance.term(observation, scene.ephemeris) for nuisance in scene.nuisances)
+
+
+def _typical_sizes(scene: Scene) -> dict[str, float]:
+    """Sizes that make parameters comparable where a weak direction is named: 1 km, 1 km over the arc, sigmas."""
+    arc = max(scene.span_s[1] - scene.span_s[0], 1.0)
+    sizes = dict(zip(STATE_NAMES, (1.0, 1.0, 1.0, 1.0 / arc, 1.0 / arc, 1.0 / arc)))
+    for parameter in scene.mission.free_parameters:
+        sizes[parameter.name] = parameter.sigma or abs(parameter.value) or 1.0
+    return sizes

@@ -1,0 +1,102 @@
+"""One estimator on one set of measurements: Gauss-Newton from the nominal point, with the solver the mission names."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+import numpy.typing as npt
+
+from nebosvod.assembly import Point, View, linear_problem, view
+from nebosvod.dynamics import Trajectory
+from nebosvod.estimation import Estimate, History, LinearProblem, Status, batch, gauss_newton, recursive
+from nebosvod.mission import Estimator
+from nebosvod.observation import Observation
+from nebosvod.prior import PriorTable
+from nebosvod.scene import Scene
+
+Array = npt.NDArray[np.float64]
+SOLVERS: Mapping[str, Callable[[LinearProblem], Estimate]] = {
+    "batch_qr": partial(batch.solve, way="qr"),
+    "batch_blocks": partial(batch.solve, way="blocks"),
+    "batch_identity": partial(batch.solve, way="identity"),
+    "recursive": partial(recursive.solve, history=False),
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Fit:
+    """What one estimator found.
+
+    Attributes
+    ----------
+    estimate : of the problem linearised at the last point (`seen`), deviations counted from the start.
+    point : the estimated values; start values where nothing could be estimated.
+    problem : the last linear problem.
+    seen : orbit and computed measurements at the last point.
+    history : sigmas after each measurement, None where the problem is not observable.
+    """
+
+    estimator: Estimator
+    estimate: Estimate
+    status: Status
+    message: str
+    iterations: int
+    cost: tuple[float, ...]
+    point: Point
+    problem: LinearProblem
+    seen: View
+    history: History | None
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """The orbit through the last point."""
+        return self.seen.trajectory
+
+    @property
+    def observation(self) -> Observation:
+        """The measurements computed at the last point."""
+        return self.seen.observation
+
+    @property
+    def prior_sigmas(self) -> dict[str, float]:
+        """Prior standard deviation of every parameter that has one."""
+        return {
+            name: float(np.sqrt(prior.covariance[index, index]))
+            for prior in self.problem.priors
+            for index, name in enumerate(prior.names)
+        }
+
+
+def fit(scene: Scene, estimator: Estimator, start: View, observed_psi: Array, priors: PriorTable) -> Fit:
+    """Estimate from measured directions.
+
+    Parameters
+    ----------
+    start : the nominal point, seen; priors stay about it while the iteration moves.
+    observed_psi : shape (n, 2), rad.
+    """
+    latest: list[View] = [start]
+
+    def linearise(deviation: Mapping[str, float]) -> LinearProblem:
+        moved = any(value != 0.0 for value in deviation.values())
+        latest[0] = view(scene, start.point.moved(deviation)) if moved else start
+        return linear_problem(scene, estimator, latest[0], observed_psi, priors, about=start.point)
+
+    found = gauss_newton(linearise, solve=SOLVERS[estimator.method], limit=estimator.iterations)
+    # the last call of the iteration may have been a rejected trial, so the view is taken anew where it ended
+    problem = linearise(found.deviation)
+    seen = latest[0]
+    history = recursive.solve(problem).history if found.estimate.solution is not None else None
+    return Fit(
+        estimator=estimator,
+        estimate=found.estimate,
+        status=found.status,
+        message=found.message,
+        iterations=found.iterations,
+        cost=found.cost,
+        point=seen.point,
+        problem=problem,
+        seen=seen,
+        history=history,
+    )

@@ -1,0 +1,100 @@
+"""The main job: mission -> scene -> simulated measurements -> estimates -> predictions -> result."""
+
+import platform
+import time
+from collections.abc import Callable
+from datetime import UTC, datetime
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from nebosvod import __version__
+from nebosvod.assembly import nominal_point, view
+from nebosvod.errors import InputError
+from nebosvod.estimation.budget import noise_to_nuisance
+from nebosvod.fitting import Fit, fit
+from nebosvod.mission import Mission
+from nebosvod.predictions import Quantity, quantity
+from nebosvod.prior import prior_table
+from nebosvod.result import Result
+from nebosvod.scene import Scene, build_scene
+from nebosvod.summary import summarise
+from nebosvod.tables import all_arrays, all_tables
+from nebosvod.truth import draw
+
+Array = npt.NDArray[np.float64]
+LIBRARIES = ("numpy", "scipy", "astropy", "jplephem", "numba", "pyerfa", "matplotlib")
+
+
+def run(mission: Mission, seed: int = 0, progress: Callable[[str], None] | None = None) -> Result:
+    """Run a mission: simulate its measurements, estimate, predict, and say which source is to blame for how much.
+
+    Parameters
+    ----------
+    seed : of the simulated truth and noise; the same seed gives the same result.
+    progress : called with one line of text at each stage.
+
+    Raises
+    ------
+    InputError, CoverageError, DataError, GeometryError, EventError
+        As the stages raise them; a lack of convergence or observability is a status of the result.
+    """
+    say = progress or (lambda message: None)
+    started = time.time()
+    say("reading the ephemeris, propagating the reference orbit")
+    scene = build_scene(mission)
+    priors = prior_table(mission, scene.forces, scene.state)
+    say("simulating the measurements")
+    truth = draw(scene, priors, np.random.default_rng(np.random.SeedSequence(seed)))
+    nominal = view(scene, nominal_point(scene))
+    fits = []
+    for estimator in mission.estimators:
+        say(f"estimating: {estimator.name}")
+        fits.append(fit(scene, estimator, nominal, truth.psi, priors))
+    say("predicting")
+    predicted = {one.estimator.name: _predict(scene, one) for one in fits if one.estimate.solution is not None}
+    ratio = noise_to_nuisance(fits[0].problem)
+    return Result(
+        summary=summarise(scene, priors, fits, predicted, ratio),
+        manifest=manifest(scene, seed, started, fits),
+        arrays=all_arrays(scene, nominal, fits, truth.psi),
+        tables=all_tables(scene, nominal, fits, truth.psi, predicted),
+    )
+
+
+def manifest(scene: Scene, seed: int, started: float, fits: list[Fit]) -> dict[str, Any]:
+    """Where a result came from; only `times` differ between two runs with one seed."""
+    mission = scene.mission
+    first, last = scene.ephemeris.span
+    return {
+        "schema_version": 1,
+        "versions": {
+            "nebosvod": __version__,
+            "python": platform.python_version(),
+            **{name: version(name) for name in LIBRARIES},
+        },
+        "mission": {"name": mission.name, "sha256": mission.sha256, "text": mission.text},
+        "ephemeris": {
+            "source": scene.ephemeris.source,
+            "sha256": dict(scene.ephemeris.sha256),
+            "span": f"{first.iso(digits=0)} to {last.iso(digits=0)}",
+        },
+        "seed": seed,
+        "status": {one.estimator.name: str(one.status) for one in fits},
+        "leap_seconds": "erfa's table; TAI - UTC stays at its last value, 37 s, after it; UT1 = UTC",
+        "times": {
+            "started_utc": datetime.fromtimestamp(started, UTC).isoformat(timespec="seconds"),
+            "elapsed_s": round(time.time() - started, 3),
+        },
+    }
+
+
+def _predict(scene: Scene, one: Fit) -> list[Quantity]:
+    """All predictions of the mission on the orbit one estimator found."""
+    try:
+        return [quantity(scene, one.trajectory, request) for request in scene.mission.predictions]
+    except InputError as error:
+        place = scene.mission.path or scene.mission.name
+        raise InputError(f"{place}: {error}") from None

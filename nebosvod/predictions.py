@@ -1,0 +1,206 @@
+"""Predicted quantities: what a mission asks to be foretold, with partials by the state and the dynamic parameters.
+
+A quantity is evaluated on one trajectory; its error is the estimator's business (`Estimate.predict`), so every
+source of the budget reaches it through the same factors.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from nebosvod.dynamics import Encounter, Trajectory, find_encounters, perigee_distance, target_plane
+from nebosvod.errors import InputError
+from nebosvod.estimation import Estimate, ellipse
+from nebosvod.mission.request import EncounterPrediction, Prediction, SkyPrediction, StatePrediction
+from nebosvod.observation import observe
+from nebosvod.prior import STATE_NAMES
+from nebosvod.scene import Scene
+from nebosvod.timescale import Epoch
+
+Array = npt.NDArray[np.float64]
+ARCSEC = np.pi / (180.0 * 3600.0)
+M_PER_KM = 1000.0
+SIGMAS = 3.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Quantity:
+    """A predicted quantity at its nominal value.
+
+    Attributes
+    ----------
+    request : what was asked.
+    epoch : when it happens (for an encounter: the closest approach).
+    unit : of value and partials: "km", "arcsec" or "m_s".
+    value : (d,), or None where only the error means anything (sky offsets, RTN axes).
+    partials : (d, k) by `names`.
+    facts : further numbers for the summary, units in the key names.
+    """
+
+    request: Prediction
+    epoch: Epoch
+    unit: str
+    value: Array | None
+    partials: Array
+    names: tuple[str, ...]
+    facts: Mapping[str, Any]
+
+
+def quantity(scene: Scene, trajectory: Trajectory, request: Prediction) -> Quantity:
+    """Evaluate a requested prediction on a trajectory.
+
+    Raises
+    ------
+    InputError
+        If there is no encounter of the kind asked for.
+    """
+    if isinstance(request, SkyPrediction):
+        return _sky(scene, trajectory, request)
+    if isinstance(request, StatePrediction):
+        return _state(scene, trajectory, request)
+    return _encounter(scene, trajectory, request)
+
+
+def _make(
+    request: Prediction,
+    epoch: Epoch,
+    unit: str,
+    value: Array | None,
+    by_state: Array,
+    by_parameters: Array,
+    trajectory: Trajectory,
+    facts: Mapping[str, Any],
+) -> Quantity:
+    return Quantity(
+        request=request,
+        epoch=epoch,
+        unit=unit,
+        value=value,
+        partials=np.hstack([np.atleast_2d(by_state), np.atleast_2d(by_parameters)]),
+        names=(*STATE_NAMES, *trajectory.parameter_names),
+        facts=facts,
+    )
+
+
+def _sky(scene: Scene, trajectory: Trajectory, request: SkyPrediction) -> Quantity:
+    """Offsets in RA* and Dec, arcsec, as a telescope sees them (astrometric)."""
+    telescope = next(t for t in scene.telescopes if t.name == request.telescope)
+    seen = observe(trajectory, telescope, np.array([request.at - scene.epoch]), scene.ephemeris)
+    facts = {
+        "telescope": telescope.name,
+        "ra_deg": float(np.degrees(seen.psi[0, 0])),
+        "dec_deg": float(np.degrees(seen.psi[0, 1])),
+        "distance_km": float(seen.distance_km[0]),
+    }
+    return _make(request, request.at, "arcsec", None, seen.H_x0[0] / ARCSEC, seen.H_c[0] / ARCSEC, trajectory, facts)
+
+
+def _state(scene: Scene, trajectory: Trajectory, request: StatePrediction) -> Quantity:
+    """Heliocentric position on ICRF or RTN axes, km, or velocity on RTN axes, m/s."""
+    at = trajectory.at(np.array([request.at - scene.epoch]))
+    x, Phi, zeta = at.state[0], at.Phi[0], at.zeta[0]
+    rows = slice(3, 6) if request.plane == "rtn_velocity" else slice(0, 3)
+    axes = np.eye(3)
+    if request.plane != "position":
+        radial = x[:3] / np.linalg.norm(x[:3])
+        normal = np.cross(x[:3], x[3:])
+        normal /= np.linalg.norm(normal)
+        axes = np.stack([radial, np.cross(normal, radial), normal])
+    scale, unit = (M_PER_KM, "m_s") if request.plane == "rtn_velocity" else (1.0, "km")
+    facts = {"position_km": x[:3].tolist(), "velocity_km_s": x[3:].tolist()}
+    return _make(
+        request, request.at, unit, None, scale * axes @ Phi[rows], scale * axes @ zeta[rows], trajectory, facts
+    )
+
+
+def _encounter(scene: Scene, trajectory: Trajectory, request: EncounterPrediction) -> Quantity:
+    """Crossing of a target plane, or the smallest distance, km."""
+    event = _nearest_encounter(scene, trajectory, request)
+    epoch = trajectory.epoch + event.t_s
+    facts: dict[str, Any] = {
+        "body": request.body,
+        "closest_approach_tdb": epoch.iso(),
+        "closest_distance_km": event.distance_km,
+        "speed_km_s": event.speed_km_s,
+    }
+    if request.plane == "perigee_distance":
+        distance, by_state, by_parameters = perigee_distance(trajectory, event)
+        return _make(request, epoch, "km", np.array([distance]), by_state, by_parameters, trajectory, facts)
+    plane = target_plane(trajectory, event, kind=request.plane)
+    return _make(
+        request,
+        epoch,
+        "km",
+        plane.coordinates_km,
+        plane.partials_state,
+        plane.partials_parameters,
+        trajectory,
+        facts,
+    )
+
+
+def _nearest_encounter(scene: Scene, trajectory: Trajectory, request: EncounterPrediction) -> Encounter:
+    when = request.near - scene.epoch
+    events = find_encounters(trajectory, request.body)
+    if not events:
+        raise InputError(
+            f"predictions: {request.name}: the orbit has no closest approach to {request.body} between "
+            f"{scene.epoch + scene.span_s[0]} and {scene.epoch + scene.span_s[1]}; change near or body"
+        )
+    return min(events, key=lambda event: abs(event.t_s - when))
+
+
+def prediction_row(asked: Quantity, estimate: Estimate, estimator: str) -> dict[str, Any]:
+    """One entry of `predictions` in summary.json: true and formal covariance, ellipse, budget."""
+    known = set(estimate.names) | set(estimate.left_out)
+    keep = [index for index, name in enumerate(asked.names) if name in known]
+    found = estimate.predict(asked.partials[:, keep], [asked.names[index] for index in keep])
+    unit, size = asked.unit, asked.partials.shape[0]
+    row: dict[str, Any] = {
+        "name": asked.request.name,
+        "estimator": estimator,
+        "epoch_tdb": asked.epoch.iso(),
+        "plane": asked.request.plane,
+        **asked.facts,
+        **_shape(found.factor, unit),
+        f"sigma_{unit}": found.sigma.tolist(),
+        f"sigma_formal_{unit}": found.sigma_formal.tolist(),
+        f"max_deviation_{unit}": (SIGMAS * found.sigma).tolist(),
+        f"covariance_{unit}2": found.covariance.tolist(),
+        f"covariance_formal_{unit}2": found.covariance_formal.tolist(),
+        "probability": ellipse.probability(1.0, size),
+        "budget": _budget(found.shares, found.covariance),
+    }
+    if asked.value is not None:
+        row[f"mean_{unit}"] = asked.value.tolist()
+    return row
+
+
+def _shape(factor: Array, unit: str) -> dict[str, Any]:
+    """Semi-axes, largest first, and in a plane the angle of the long one from the first axis to the second."""
+    if factor.shape[0] == 2:
+        plane = ellipse.Ellipse.of_factor(factor)
+        return {
+            f"semi_axes_{unit}": [float(a) for a in plane.semi_axes],
+            "angle_deg": float(np.degrees(plane.angle_rad)),
+        }
+    axes = np.linalg.svd(factor, compute_uv=False)
+    return {f"semi_axes_{unit}": [float(a) for a in axes], "angle_deg": None}
+
+
+def _budget(shares: Mapping[str, Array], covariance: Array) -> list[dict[str, Any]]:
+    """Share of each source in the variance of each component, and in their sum."""
+    variance = np.diag(covariance)
+    total = float(variance.sum())
+    rows = [
+        {
+            "source": source,
+            "share": [float(own / all_) if all_ > 0.0 else 0.0 for own, all_ in zip(np.diag(part), variance)],
+            "share_total": float(np.trace(part) / total) if total > 0.0 else 0.0,
+        }
+        for source, part in shares.items()
+    ]
+    return sorted(rows, key=lambda row: -row["share_total"])

@@ -1,0 +1,228 @@
+"""summary.json: every headline number of a run, units in the key names."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from nebosvod.assembly import nuisance_treatment
+from nebosvod.dynamics.constants import SOLAR_IRRADIANCE_W_M2
+from nebosvod.estimation.budget import NoiseToNuisance
+from nebosvod.estimation.square_root import lower_factor
+from nebosvod.fitting import Fit
+from nebosvod.predictions import M_PER_KM, Quantity, prediction_row
+from nebosvod.prior import STATE_NAMES, PriorTable
+from nebosvod.scene import Scene
+
+Array = npt.NDArray[np.float64]
+SCHEMA_VERSION = 1
+
+
+def summarise(
+    scene: Scene,
+    priors: PriorTable,
+    fits: Sequence[Fit],
+    predicted: Mapping[str, Sequence[Quantity]],
+    ratio: NoiseToNuisance | None,
+) -> dict[str, Any]:
+    """Build the summary of a run.
+
+    Parameters
+    ----------
+    predicted : for each estimator that has an estimate, its evaluated predictions.
+    """
+    mission = scene.mission
+    found = [fit for fit in fits if fit.estimate.solution is not None]
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "mission": mission.name,
+        "title": mission.title or mission.name,
+        "object": mission.object.name,
+        "reference_epoch_tdb": scene.epoch.iso(),
+        "n_observations": int(sum(seen.visible.sum() for seen in scene.visibilities)),
+        "telescopes": [telescope.name for telescope in scene.telescopes],
+        "reference": {"position_km": scene.state[:3].tolist(), "velocity_km_s": scene.state[3:].tolist()},
+        "visibility": visibility_rows(scene),
+        "physics": _physics(scene),
+        "assumptions": _assumptions(scene),
+        "estimators": [estimator_row(scene, priors, fit) for fit in fits],
+        "budget": [row for fit in found for row in budget_rows(fit)],
+        "noise_to_nuisance": _ratio(ratio),
+        "predictions": [
+            prediction_row(asked, fit.estimate, fit.estimator.name)
+            for fit in found
+            for asked in predicted[fit.estimator.name]
+        ],
+        "warnings": _warnings(scene, fits),
+    }
+
+
+def visibility_rows(scene: Scene) -> list[dict[str, Any]]:
+    """What each telescope could see and which limit removed the rest (limits overlap)."""
+    return [
+        {
+            "telescope": telescope.name,
+            "candidates": int(seen.t_s.size),
+            "visible": int(np.count_nonzero(seen.visible)),
+            "removed": {limit: count for limit, count in seen.counts.items() if count},
+        }
+        for telescope, seen in zip(scene.telescopes, scene.visibilities)
+    ]
+
+
+def estimator_row(scene: Scene, priors: PriorTable, fit: Fit) -> dict[str, Any]:
+    """One entry of `estimators`; numbers are null where the problem is not observable."""
+    estimate, mission = fit.estimate, scene.mission
+    treatment = {p.group: mission.treatment(fit.estimator, p.group) for p in mission.free_parameters}
+    treatment |= {
+        nuisance.name: nuisance_treatment(scene, fit.estimator, nuisance.name) for nuisance in scene.nuisances
+    }
+    row: dict[str, Any] = {
+        "name": fit.estimator.name,
+        "method": fit.estimator.method,
+        "treatment": treatment,
+        "status": str(fit.status),
+        "message": fit.message,
+        "iterations": fit.iterations,
+        "dof": estimate.dof,
+        "condition_number": _finite(estimate.condition_number),
+        "rank": estimate.rank,
+        "weak_direction": {} if estimate.solution is not None else dict(estimate.weak_direction),
+    }
+    if estimate.solution is None:
+        empty = ("chi2", "state_km_km_s", "covariance_km_km_s", "covariance_formal_km_km_s", "factor_km_km_s")
+        sigmas = ("sigma_position_km", "sigma_velocity_m_s", "sigma_formal_position_km", "sigma_formal_velocity_m_s")
+        return row | dict.fromkeys((*empty, *sigmas)) | {"parameters": {}}
+    index = [estimate.names.index(name) for name in STATE_NAMES]
+    formal = estimate.S_formal[index] @ estimate.S_formal[index].T
+    true = estimate.covariance(STATE_NAMES)
+    return row | {
+        "chi2": estimate.chi2,
+        "state_km_km_s": fit.point.state.tolist(),
+        "covariance_km_km_s": true.tolist(),
+        "covariance_formal_km_km_s": formal.tolist(),
+        "factor_km_km_s": estimate.factor(STATE_NAMES).tolist(),
+        "factor_formal_km_km_s": lower_factor(estimate.S_formal[index]).tolist(),
+        **_sigmas("sigma", true),
+        **_sigmas("sigma_formal", formal),
+        "parameters": _parameters(priors, fit),
+    }
+
+
+def budget_rows(fit: Fit) -> list[dict[str, Any]]:
+    """What each source contributes to the state of one estimator, largest position share first."""
+    total = fit.estimate.covariance(STATE_NAMES)
+    index = [fit.estimate.names.index(name) for name in STATE_NAMES]
+    rows = []
+    for source, whole in fit.estimate.shares.items():
+        part = whole[np.ix_(index, index)]
+        rows.append(
+            {
+                "estimator": fit.estimator.name,
+                "source": source,
+                **_sigmas("sigma", part),
+                "share_position": float(np.trace(part[:3, :3]) / np.trace(total[:3, :3])),
+                "share_velocity": float(np.trace(part[3:, 3:]) / np.trace(total[3:, 3:])),
+            }
+        )
+    return sorted(rows, key=lambda row: -row["share_position"])
+
+
+def _sigmas(prefix: str, covariance: Array) -> dict[str, float]:
+    """Root traces of the position and velocity blocks."""
+    return {
+        f"{prefix}_position_km": float(np.sqrt(np.trace(covariance[:3, :3]))),
+        f"{prefix}_velocity_m_s": float(M_PER_KM * np.sqrt(np.trace(covariance[3:, 3:]))),
+    }
+
+
+def _parameters(priors: PriorTable, fit: Fit) -> dict[str, dict[str, float | None]]:
+    """Prior and posterior sigma and value of everything beside the state; angles of biases in arcsec."""
+    values = fit.point.values
+    rows: dict[str, dict[str, float | None]] = {}
+    angles = {name for term in fit.seen.terms if term.displacement is None for name in term.names}
+    for name in (*fit.estimate.names, *fit.estimate.left_out):
+        if name in STATE_NAMES:
+            continue
+        before = fit.prior_sigmas.get(name, priors.sigma(name))
+        key, scale = (f"{name}_arcsec", ARCSEC_PER_RAD) if name in angles else (name, 1.0)
+        rows[key] = {
+            "prior_sigma": None if before is None else before * scale,
+            "sigma": fit.estimate.sigma(name) * scale,
+            "estimate": values[name] * scale,
+        }
+    return rows
+
+
+ARCSEC_PER_RAD = float(np.degrees(1.0) * 3600.0)
+
+
+def _ratio(ratio: NoiseToNuisance | None) -> dict[str, Any]:
+    """The noise-to-nuisance block; empty where nothing but noise disturbs the measurements."""
+    if ratio is None:
+        return {}
+    return {
+        "eta_db_mean": _finite(ratio.eta_db_mean),
+        "eta_effective_db_mean": _finite(float(np.mean(ratio.eta_effective_db))),
+        "eta_db": [_finite(value) for value in ratio.eta_db],
+        "sigma_z_critical_km": [_finite(value) for value in ratio.sigma_critical],
+        "sigma_z_limit_km": {
+            f"{eta_db}_dB": _finite(float(np.median(ratio.sigma_limit(float(eta_db))))) for eta_db in (0, 20, 40)
+        },
+    }
+
+
+def _physics(scene: Scene) -> dict[str, Any]:
+    mission = scene.mission
+    values = {parameter.name: parameter.value for parameter in mission.parameters}
+    sphere = ("radius_m", "mass_kg", "albedo", "thermal_emission")
+    radiation: Any = False
+    if mission.object.has_radiation:
+        radiation = {name: values[name] for name in sphere} | {"solar_irradiance_w_m2": SOLAR_IRRADIANCE_W_M2}
+    return {
+        "ephemeris": scene.ephemeris.source,
+        "asteroids": mission.force_model.asteroids,
+        "relativity": mission.force_model.relativity,
+        "earth_oblateness": mission.force_model.earth_oblateness,
+        "radiation_pressure": radiation,
+        "nongrav_au_d2": {name: value for name, value in values.items() if name not in sphere},
+    }
+
+
+def _assumptions(scene: Scene) -> list[str]:
+    """What the numbers rest on, in words."""
+    said = list(scene.mission.object.statements)
+    if scene.mission.object.has_radiation:
+        said.append("albedo in the radiation pressure is the Bond albedo")
+    said.append("errors of different sources are independent and Gaussian; measurements are simulated")
+    said.append("UTC after the last known leap second keeps TAI - UTC = 37 s; geostationary telescopes use UT1 = UTC")
+    return said
+
+
+def _warnings(scene: Scene, fits: Sequence[Fit]) -> list[str]:
+    """What a reader must know before trusting the numbers."""
+    said = []
+    for telescope, seen in zip(scene.telescopes, scene.visibilities):
+        if not seen.visible.any():
+            said.append(f"{telescope.name} never sees the object: {seen.explain()}")
+    for fit in fits:
+        if str(fit.status) != "converged":
+            said.append(f"{fit.estimator.name}: {fit.message}")
+        said += [f"{fit.estimator.name}: {note}" for note in fit.estimate.notes]
+        fixed = [
+            parameter.group
+            for parameter in scene.mission.free_parameters
+            if parameter.treatment != "fixed" and scene.mission.treatment(fit.estimator, parameter.group) == "fixed"
+        ]
+        if fixed:
+            said.append(
+                f"{fit.estimator.name} holds {', '.join(fixed)} fixed although the mission calls it uncertain: its "
+                "error is missing from that estimator's accuracy (use ignored or considered to count it)"
+            )
+    return said
+
+
+def _finite(value: float) -> float | None:
+    """The number, or null where it is infinite or undefined."""
+    return float(value) if np.isfinite(value) else None

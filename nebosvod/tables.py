@@ -1,0 +1,172 @@
+"""The arrays and tables of a run folder."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from nebosvod.assembly import View
+from nebosvod.fitting import Fit
+from nebosvod.observation import residual
+from nebosvod.predictions import ARCSEC, Quantity, prediction_row
+from nebosvod.prior import STATE_NAMES
+from nebosvod.report.folder import slug
+from nebosvod.result import Table
+from nebosvod.scene import Scene
+from nebosvod.summary import budget_rows
+
+Array = npt.NDArray[np.float64]
+Arrays = dict[str, npt.NDArray[Any]]
+TRACK_POINTS = 241
+
+
+def all_arrays(scene: Scene, nominal: View, fits: Sequence[Fit], psi: Array) -> Arrays:
+    """Everything in arrays.npz; the computed rows are those of the nominal orbit."""
+    seen = nominal.observation
+    at = nominal.trajectory.at(seen.t_s)
+    biases = [term for term in nominal.terms if term.name.startswith("bias ")]
+    sun = scene.ephemeris.position_km("sun", scene.epoch, seen.t_s)
+    track_t_s = np.linspace(seen.t_s[0], seen.t_s[-1], TRACK_POINTS)
+    arrays: Arrays = {
+        "epoch_s": seen.t_s,
+        "telescope_index": seen.telescope_index,
+        "telescope_names": np.array([telescope.name for telescope in seen.telescopes]),
+        "state": at.state,
+        "Phi": at.Phi,
+        "zeta": at.zeta,
+        "parameter_names": np.array(seen.parameter_names, dtype=np.str_),
+        "psi": psi,
+        "residual": residual(psi, seen.psi),
+        "R": seen.noise,
+        "sigma_measurement": np.sqrt(np.einsum("nii->ni", seen.noise)),
+        "H_x": seen.H_x,
+        "H_z": seen.H_z,
+        "H_c": seen.H_c,
+        "H_b": np.concatenate([np.zeros((seen.t_s.size, 2, 0)), *(term.H for term in biases)], axis=2),
+        "bias_names": np.array([name for term in biases for name in term.names], dtype=np.str_),
+        "distance_km": seen.distance_km,
+        "telescope_position_km": seen.telescope_state[:, :3] - sun,
+        "earth_position_km": scene.ephemeris.position_km("earth", scene.epoch, seen.t_s) - sun,
+        "object_track_t_s": track_t_s,
+        "object_track_km": nominal.trajectory.at(track_t_s).state[:, :3],
+    }
+    for one in fits:
+        if one.estimate.solution is not None:
+            arrays |= _estimator_arrays(one)
+    return arrays
+
+
+def _estimator_arrays(one: Fit) -> Arrays:
+    """Factor, names, residuals after the fit and sigma history of one estimator."""
+    name = slug(one.estimator.name)
+    arrays: Arrays = {
+        f"factor_{name}": one.estimate.S_true,
+        f"names_{name}": np.array(one.estimate.names),
+        f"residual_after_{name}": one.estimate.residual_after,
+    }
+    history = one.history
+    if history is not None:
+        place = [history.names.index(axis) for axis in STATE_NAMES[:3]]
+        arrays[f"history_t_s_{name}"] = one.observation.t_s
+        arrays[f"history_sigma_formal_position_km_{name}"] = _root_sum(history.sigma_formal[:, place])
+        if history.sigma is not None:
+            arrays[f"history_sigma_position_km_{name}"] = _root_sum(history.sigma[:, place])
+    return arrays
+
+
+def _root_sum(sigma: Array) -> Array:
+    """Root sum of squares along the axes; infinite while not determined."""
+    total: Array = np.sqrt(np.sum(sigma**2, axis=1))
+    return total
+
+
+def all_tables(
+    scene: Scene, nominal: View, fits: Sequence[Fit], psi: Array, predicted: Mapping[str, Sequence[Quantity]]
+) -> dict[str, Table]:
+    """The tables of a run, for people and spreadsheets."""
+    found = [one for one in fits if one.estimate.solution is not None]
+    tables = {"measurements": _measurements(scene, nominal, psi), "residuals": _residuals(nominal, found, psi)}
+    if found:
+        tables["budget"] = _rows_table(
+            [row for one in found for row in budget_rows(one)],
+            {"sigma_position_km": "km", "sigma_velocity_m_s": "m / s"},
+            "What each source contributes to the state at the reference epoch; squares of the sigmas add up",
+        )
+    for one in found:
+        if one.history is not None:
+            tables[f"sigma_history_{slug(one.estimator.name)}"] = _history(one)
+    rows = [
+        _flat(prediction_row(asked, one.estimate, one.estimator.name))
+        for one in found
+        for asked in predicted[one.estimator.name]
+    ]
+    if rows:
+        tables["predictions"] = _rows_table(rows, {}, "Predicted quantities, one component a row, 1 sigma")
+    return tables
+
+
+def _measurements(scene: Scene, nominal: View, psi: Array) -> Table:
+    seen = nominal.observation
+    names = np.array([telescope.name for telescope in seen.telescopes])
+    sigma = np.sqrt(np.einsum("nii->ni", seen.noise)) / ARCSEC
+    return Table(
+        columns={
+            "epoch_tdb": np.array([(scene.epoch + t).iso() for t in seen.t_s]),
+            "t": seen.t_s,
+            "telescope": names[seen.telescope_index],
+            "ra": np.degrees(psi[:, 0]),
+            "dec": np.degrees(psi[:, 1]),
+            "sigma_ra": sigma[:, 0],
+            "sigma_dec": sigma[:, 1],
+            "distance": seen.distance_km,
+        },
+        units={"t": "s", "ra": "deg", "dec": "deg", "sigma_ra": "arcsec", "sigma_dec": "arcsec", "distance": "km"},
+        description="Simulated measurements: astrometric ICRF right ascension and declination",
+    )
+
+
+def _residuals(nominal: View, fits: Sequence[Fit], psi: Array) -> Table:
+    """Observed minus computed on the nominal orbit and after each fit."""
+    seen = nominal.observation
+    before = residual(psi, seen.psi) / ARCSEC
+    columns: Arrays = {"t": seen.t_s, "ra_before": before[:, 0], "dec_before": before[:, 1]}
+    for one in fits:
+        after = one.estimate.residual_after / ARCSEC
+        name = slug(one.estimator.name)
+        columns |= {f"ra_{name}": after[:, 0], f"dec_{name}": after[:, 1]}
+    units = dict.fromkeys(columns, "arcsec") | {"t": "s"}
+    return Table(columns=columns, units=units, description="Residuals, RA times cos Dec and Dec, before and after")
+
+
+def _history(one: Fit) -> Table:
+    history = one.history
+    if history is None:
+        raise ValueError(f"{one.estimator.name} has no history")
+    columns: Arrays = {"t": one.observation.t_s}
+    for column, name in enumerate(history.names):
+        columns[f"formal_{name}"] = history.sigma_formal[:, column]
+        if history.sigma is not None:
+            columns[f"true_{name}"] = history.sigma[:, column]
+    return Table(columns=columns, units={"t": "s"}, description="1 sigma of each estimated parameter so far")
+
+
+def _flat(row: Mapping[str, Any]) -> dict[str, Any]:
+    """The scalar facts of a prediction, and its sigmas as text in one unit."""
+    unit = next(key.removeprefix("semi_axes_") for key in row if key.startswith("semi_axes_"))
+    return {
+        "name": row["name"],
+        "estimator": row["estimator"],
+        "plane": row["plane"],
+        "epoch_tdb": row["epoch_tdb"],
+        "unit": unit,
+        "semi_axes": " ".join(f"{value:.9g}" for value in row[f"semi_axes_{unit}"]),
+        "sigma": " ".join(f"{value:.9g}" for value in row[f"sigma_{unit}"]),
+        "sigma_formal": " ".join(f"{value:.9g}" for value in row[f"sigma_formal_{unit}"]),
+    }
+
+
+def _rows_table(rows: Sequence[Mapping[str, Any]], units: Mapping[str, str], description: str) -> Table:
+    """A table from rows with the same keys."""
+    columns = {name: np.array([row[name] for row in rows]) for name in rows[0]}
+    return Table(columns=columns, units=units, description=description)
