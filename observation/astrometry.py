@@ -99,7 +99,7 @@ def observe(trajectory: Trajectory, telescope: Telescope, t_s: Array, ephemeris:
     Raises
     ------
     InputError
-        If the trajectory has no partials, or a time is not finite.
+        If a time is not finite, or (from the trajectory) it has no partials.
     CoverageError
         If trajectory or ephemeris do not cover a time.
 
@@ -111,14 +111,13 @@ def observe(trajectory: Trajectory, telescope: Telescope, t_s: Array, ephemeris:
     gradient G: the gradient term is 1e-8 of the whole at 1 au, the next one 1e-11.
     """
     line = sight(trajectory, telescope.spacecraft, t_s, ephemeris)
-    emitted = line.emitted
-    if emitted.Phi is None or emitted.zeta is None:
-        raise InputError("observe: the trajectory has no partials; propagate it with sensitivities=True")
+    emitted = trajectory.at(line.t_s - line.light_time_s)
+    Phi, zeta = emitted.Phi[:, :3], emitted.zeta[:, :3]
     D = tangent_axes(line.psi) / line.distance_km[:, None, None]
     DL = D @ line.light_time_factor()
     relative_velocity = line.target_state[:, 3:] - line.telescope_state[:, 3:]
     rate = (DL @ relative_velocity[:, :, None])[:, :, 0]
-    back = _position_transition(emitted.state[:, :3], line.light_time_s, ephemeris.gm_km3_s2["sun"])
+    back = _position_transition(line.heliocentric_state[:, :3], line.light_time_s, ephemeris.gm_km3_s2["sun"])
     return Observation(
         epoch=trajectory.epoch,
         telescopes=(telescope,),
@@ -127,9 +126,9 @@ def observe(trajectory: Trajectory, telescope: Telescope, t_s: Array, ephemeris:
         t_s=line.t_s,
         psi=line.psi,
         H_x=DL @ back,
-        H_x0=DL @ emitted.Phi[:, :3],
+        H_x0=DL @ Phi,
         H_z=-DL,
-        H_c=DL @ emitted.zeta[:, :3],
+        H_c=DL @ zeta,
         rate=rate,
         noise=telescope.noise(rate),
         u=line.u,
@@ -137,8 +136,8 @@ def observe(trajectory: Trajectory, telescope: Telescope, t_s: Array, ephemeris:
         light_time_s=line.light_time_s,
         telescope_state=line.telescope_state,
         target_state=line.target_state,
-        Phi_emission=emitted.Phi[:, :3],
-        zeta_emission=emitted.zeta[:, :3],
+        Phi_emission=Phi,
+        zeta_emission=zeta,
     )
 
 

@@ -40,11 +40,11 @@ class Trajectory(Protocol):
         """Heliocentric states (n, 6), km and km/s."""
 
     @property
-    def Phi(self) -> Array | None:
+    def Phi(self) -> Array:
         """Partials of the state by the state at `epoch` (n, 6, 6)."""
 
     @property
-    def zeta(self) -> Array | None:
+    def zeta(self) -> Array:
         """Partials of the state by the dynamic parameters (n, 6, m)."""
 
     @property
@@ -53,3 +53,6 @@ class Trajectory(Protocol):
 
     def at(self, t_s: Array) -> "Trajectory":
         """The same orbit at other times inside its span."""
+
+    def state_at(self, t_s: Array) -> Array:
+        """Heliocentric states (n, 6) alone, at any times inside the span."""

@@ -23,7 +23,7 @@ class Sight:
     t_s : (n,) reception times, TDB seconds after the trajectory's epoch.
     telescope_state : (n, 6) barycentric ICRF at reception.
     target_state : (n, 6) barycentric ICRF at emission, km and km/s.
-    emitted : the trajectory at the emission times (heliocentric, with its partials).
+    heliocentric_state : (n, 6) of the target at emission.
     u : (n, 3) unit vectors telescope -> target, ICRF.
     distance_km, light_time_s : (n,).
     psi : (n, 2) RA in [0, 2 pi) and Dec, astrometric (no aberration), rad.
@@ -32,7 +32,7 @@ class Sight:
     t_s: Array
     telescope_state: Array
     target_state: Array
-    emitted: Trajectory
+    heliocentric_state: Array
     u: Array
     distance_km: Array
     light_time_s: Array
@@ -65,26 +65,28 @@ def sight(trajectory: Trajectory, spacecraft: Spacecraft, t_s: Array, ephemeris:
     Notes
     -----
     rho = r_target(t - tau) - r_telescope(t) with both vectors BARYCENTRIC, c tau = |rho|. Newton: with V the target's
-    velocity, tau -> tau + (|rho| - c tau) / (c + u.V); two or three trajectory evaluations.
+    velocity, tau -> tau + (|rho| - c tau) / (c + u.V). The first step, from tau = 0, adds the fall towards the Sun, so
+    that the second evaluation of the trajectory usually confirms the light time.
     """
     t_s = np.asarray(t_s, dtype=np.float64)
     if t_s.ndim != 1 or t_s.size == 0 or not np.all(np.isfinite(t_s)):
         raise InputError(f"sight: reception times must be a non-empty vector of finite numbers (shape {t_s.shape})")
     telescope = spacecraft.state_km_km_s(ephemeris, trajectory.epoch, t_s)
-    tau = np.zeros_like(t_s)
+    tau = _first_light_time(trajectory, telescope, t_s, ephemeris)
     for _ in range(MAX_ITERATIONS):
-        emitted = trajectory.at(t_s - tau)
-        target = emitted.state + ephemeris.state_km_km_s("sun", trajectory.epoch, t_s - tau)
+        heliocentric = trajectory.state_at(t_s - tau)
+        target = heliocentric + ephemeris.state_km_km_s("sun", trajectory.epoch, t_s - tau)
         rho = target[:, :3] - telescope[:, :3]
         distance = np.linalg.norm(rho, axis=1)
         u = rho / distance[:, None]
-        step = (distance - SPEED_OF_LIGHT_KM_S * tau) / (SPEED_OF_LIGHT_KM_S + np.einsum("ni,ni->n", u, target[:, 3:]))
+        speed = np.einsum("ni,ni->n", u, target[:, 3:])
+        step = (distance - SPEED_OF_LIGHT_KM_S * tau) / (SPEED_OF_LIGHT_KM_S + speed)
         if np.all(np.abs(step) <= LIGHT_TIME_TOLERANCE_S):
             return Sight(
                 t_s=t_s,
                 telescope_state=telescope,
                 target_state=target,
-                emitted=emitted,
+                heliocentric_state=heliocentric,
                 u=u,
                 distance_km=distance,
                 light_time_s=distance / SPEED_OF_LIGHT_KM_S,
@@ -96,3 +98,17 @@ def sight(trajectory: Trajectory, spacecraft: Spacecraft, t_s: Array, ephemeris:
         f"(last step {np.max(np.abs(step)):.3g} s at t = {t_s[np.argmax(np.abs(step))]:.3f} s); "
         "is the target's state in km and km/s?"
     )
+
+
+def _first_light_time(trajectory: Trajectory, telescope: Array, t_s: Array, ephemeris: Ephemeris) -> Array:
+    """Light time (n,) from the state at reception: r - V tau + a tau^2 / 2 with the Sun's pull."""
+    heliocentric = trajectory.state_at(t_s)
+    target = heliocentric + ephemeris.state_km_km_s("sun", trajectory.epoch, t_s)
+    r = heliocentric[:, :3]
+    a = r * (-ephemeris.gm_km3_s2["sun"] / np.sum(r * r, axis=1) ** 1.5)[:, None]
+    start = target[:, :3] - telescope[:, :3]
+    tau = np.zeros_like(t_s)
+    for _ in range(3):  # each gains a factor V/c
+        back = start + (a * (tau / 2.0)[:, None] - target[:, 3:]) * tau[:, None]
+        tau = np.linalg.norm(back, axis=1) / SPEED_OF_LIGHT_KM_S
+    return tau

@@ -84,8 +84,8 @@ def visibility(
     sun_angle, _, sun_hides = _angles("sun", line, trajectory, ephemeris)
     _, earth_limb, earth_hides = _angles("earth", line, trajectory, ephemeris)
     _, moon_limb, moon_hides = _angles("moon", line, trajectory, ephemeris)
-    phase = angle_between(-line.emitted.state[:, :3], -line.u)
-    r_sun = np.linalg.norm(line.emitted.state[:, :3], axis=1)
+    phase = angle_between(-line.heliocentric_state[:, :3], -line.u)
+    r_sun = np.linalg.norm(line.heliocentric_state[:, :3], axis=1)
     V = np.full(line.t_s.size, np.nan)
     if magnitude is not None:
         V = apparent_magnitude(*magnitude, r_sun, line.distance_km, phase)

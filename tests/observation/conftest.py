@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
+from nebosvod.dynamics import Ephemeris
 from nebosvod.dynamics.constants import AU_KM
-from nebosvod.dynamics.ephemeris import Ephemeris
 from nebosvod.timescale import Epoch
 
 GM_SUN = 1.3271244004127942e11
@@ -71,6 +71,9 @@ class TwoBody:
     def at(self, t_s: Any) -> "TwoBody":
         return replace(self, t_s=np.asarray(t_s, dtype=np.float64))
 
+    def state_at(self, t_s: Any) -> Any:
+        return self.at(t_s).state
+
 
 @pytest.fixture(scope="session")
 def ephemeris() -> Ephemeris:
@@ -104,8 +107,6 @@ class Still:
     position: Any  # (3,)
     t_s: Any = None
     parameter_names: tuple[str, ...] = ()
-    Phi: Any = None
-    zeta: Any = None
 
     @property
     def state(self) -> Any:
@@ -113,6 +114,9 @@ class Still:
 
     def at(self, t_s: Any) -> "Still":
         return replace(self, t_s=np.asarray(t_s, dtype=np.float64))
+
+    def state_at(self, t_s: Any) -> Any:
+        return self.at(t_s).state
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -16,9 +16,10 @@ from nebosvod.observation import (
     sight,
 )
 
+HERE = Geostationary(longitude_rad=0.3)
 T_S = np.linspace(0.0, 120.0, 25) * 86400.0
 SPACECRAFT = {
-    "geostationary": Geostationary(longitude_rad=0.3),
+    "geostationary": HERE,
     "behind the Earth": HeliocentricCompanion(lead_rad=-0.17),
     "across the Sun": HeliocentricCompanion(lead_rad=3.0),
 }
@@ -159,9 +160,3 @@ def test_merge_refuses_what_does_not_belong_together(two_body, ephemeris, epoch)
         merge([])
     with pytest.raises(InputError, match=r'telescope "C" made no measurement here .there are: A'):
         one.rows(["C"])
-
-
-def test_a_trajectory_without_partials_is_refused(ephemeris, epoch, support):
-    still = support.Still(epoch=epoch, position=np.array([2e8, 0.0, 0.0]))
-    with pytest.raises(InputError, match="sensitivities=True"):
-        observe(still, telescope(SPACECRAFT["geostationary"]), T_S[:2], ephemeris)
