@@ -100,8 +100,7 @@ def quantity(value: object, dimension: Dimension) -> float:
         raise InputError(f'{wanted} (got {value}; {allowed}); try "{value} {unit}"')
     match = _QUANTITY.fullmatch(value.strip()) if len(value) <= _LONGEST else None
     if match is None:
-        hint = "; the decimal mark is a point" if "," in value else ""
-        raise InputError(f'{wanted} (got "{_cut(value)}"; {allowed}); for example "{dimension.example}"{hint}')
+        raise InputError(f'{wanted} (got "{_cut(value)}"; {allowed}); for example "{dimension.example}"')
     number, unit = match[1], match[2].strip()
     factor = dimension.factors.get(dimension.aliases.get(unit, unit))
     if factor is None:
@@ -141,6 +140,8 @@ def _sexagesimal(text: str, what: str, example: str) -> float:
 
 def _unit_hint(unit: str, number: str, dimension: Dimension) -> str:
     """What the user may have meant by a unit that does not fit."""
+    if unit.startswith(","):
+        return "; the decimal mark is a point"
     if not unit:
         return f'; try "{number} {dimension.example.split()[-1]}"'
     near = get_close_matches(unit, [*dimension.factors, *dimension.aliases], 1, 0.5)

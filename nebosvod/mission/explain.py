@@ -36,20 +36,19 @@ _QUOTED = re.compile(r"'([^']*)'")
 class Explainer:
     """Knows where everything of one file stands, and turns pydantic's errors into problems."""
 
-    def __init__(self, file: YamlFile, places: Mapping[KeyPath, Mark], tree: Tree) -> None:
+    def __init__(self, file: YamlFile, tree: Tree) -> None:
         self.file = file
-        self.places = places
         self.tree = tree
 
     def mark(self, path: KeyPath, key: bool = False) -> Mark:
         """Where a path stands; a block stands at its key; what does not exist, at the block it should be in."""
         for length in range(len(path), -1, -1):
             here = path[:length]
-            if here in self.places:
+            if here in self.file.values:
                 whole_block = length < len(path) or here not in self.file.texts
                 if here in self.file.keys and (key or whole_block):
                     return self.file.keys[here]
-                return self.places[here]
+                return self.file.values[here]
         return Mark(1, 1)
 
     def problem(self, path: KeyPath, text: str, key: bool = False) -> Problem:

@@ -55,12 +55,12 @@ def _exists(path: Path) -> bool:
 
 def _load(file: YamlFile, path: Path | None) -> Mission:
     """Validate what was read."""
-    tree, places, problems = resolve_like(file)
+    tree, file, problems = resolve_like(file)
     if not isinstance(tree, dict):
         raise _refusal(file, [Problem(Mark(1, 1), "a mission is a block of keys, such as schema_version: 1")])
     _refuse_newer(file, tree)
     tree, found = resolve_files(tree, path.parent if path is not None else None)
-    explainer = Explainer(file, places, tree)
+    explainer = Explainer(file, tree)
     problems += [*file.problems, *(explainer.problem(*item) for item in (*found, *_repeated_names(tree, explainer)))]
     try:
         mission = Mission.model_validate(tree)

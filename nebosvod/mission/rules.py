@@ -5,10 +5,10 @@ import os
 from collections.abc import Iterable, Iterator
 from difflib import get_close_matches
 from functools import cache
-from importlib.resources import files
 from importlib.util import find_spec
+from pathlib import Path
 
-from nebosvod.errors import InputError
+from nebosvod.errors import DataError, InputError
 from nebosvod.mission.fields import KeyPath
 from nebosvod.mission.model import Mission
 from nebosvod.mission.orbit import SbdbOrbit
@@ -90,8 +90,13 @@ def ephemeris_span(asteroids: bool) -> tuple[Epoch, Epoch]:
 @cache
 def shipped_span() -> tuple[str, str]:
     """Span of the ephemeris in the package, from the record beside it (read without importing the stage)."""
-    table = json.loads((files("nebosvod.dynamics") / "data" / "ephemeris.json").read_text("utf-8"))
-    first, last = table["kernels"]["planets"]["span"]
+    stage = find_spec("nebosvod.dynamics")
+    folders = stage.submodule_search_locations if stage is not None else None
+    path = Path((folders or ["."])[0]) / "data" / "ephemeris.json"
+    try:
+        first, last = json.loads(path.read_text("utf-8"))["kernels"]["planets"]["span"]
+    except (OSError, ValueError, KeyError) as error:
+        raise DataError(f"{path}: the record of the ephemeris is missing or damaged ({error}); reinstall") from None
     return str(first), str(last)
 
 
