@@ -7,6 +7,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from nebosvod.dynamics.encounter import Encounter, TargetPlane, find_encounters, perigee_distance, target_plane
     from nebosvod.dynamics.ephemeris import Ephemeris
     from nebosvod.dynamics.model import ForceModel
     from nebosvod.dynamics.nongrav import Nongrav
@@ -14,15 +15,32 @@ if TYPE_CHECKING:
     from nebosvod.dynamics.radiation import RadiationPressure
     from nebosvod.dynamics.trajectory import Trajectory
 
-__all__ = ["Ephemeris", "ForceModel", "Nongrav", "RadiationPressure", "Trajectory", "propagate"]
+__all__ = [
+    "Encounter",
+    "Ephemeris",
+    "ForceModel",
+    "Nongrav",
+    "RadiationPressure",
+    "TargetPlane",
+    "Trajectory",
+    "find_encounters",
+    "perigee_distance",
+    "propagate",
+    "target_plane",
+]
 
 _HOME = {
+    "Encounter": "encounter",
     "Ephemeris": "ephemeris",
     "ForceModel": "model",
     "Nongrav": "nongrav",
     "RadiationPressure": "radiation",
+    "TargetPlane": "encounter",
     "Trajectory": "trajectory",
+    "find_encounters": "encounter",
+    "perigee_distance": "encounter",
     "propagate": "propagator",
+    "target_plane": "encounter",
 }
 
 

@@ -5,6 +5,7 @@ import numpy.typing as npt
 
 from nebosvod.dynamics import integrator
 from nebosvod.dynamics.dense import join
+from nebosvod.dynamics.encounter import IMPACT_TIDE, require_no_impact
 from nebosvod.dynamics.ephemeris import PLANETS, Ephemeris
 from nebosvod.dynamics.integrator import Steps
 from nebosvod.dynamics.model import ForceModel
@@ -71,7 +72,10 @@ def propagate(
                 raise _stalled(forces.ephemeris, epoch, steps, end_s, start)
             legs[leg] = steps
     table = join(legs[0], legs[1], window, 6 + len(columns) if sensitivities else 0)
-    return make_trajectory(epoch, times, forces, table, chain, sensitivities)
+    trajectory = make_trajectory(epoch, times, forces, table, chain, sensitivities)
+    if table.steps.tide.max() > IMPACT_TIDE:
+        require_no_impact(trajectory, table.steps.tide)
+    return trajectory
 
 
 def _span(forces: ForceModel, epoch: Epoch, low: float, high: float, margin_s: float) -> tuple[float, float]:
