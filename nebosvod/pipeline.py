@@ -16,6 +16,7 @@ from nebosvod.errors import InputError
 from nebosvod.estimation.budget import noise_to_nuisance
 from nebosvod.fitting import Fit, fit
 from nebosvod.mission import Mission
+from nebosvod.montecarlo import consistency_block, monte_carlo
 from nebosvod.predictions import Quantity, quantity
 from nebosvod.prior import prior_table
 from nebosvod.result import Result
@@ -56,8 +57,9 @@ def run(mission: Mission, seed: int = 0, progress: Callable[[str], None] | None 
     say("predicting")
     predicted = {one.estimator.name: _predict(scene, one) for one in fits if one.estimate.solution is not None}
     ratio = noise_to_nuisance(fits[0].problem)
+    trials = monte_carlo(scene, nominal, priors, fits, seed, say)
     return Result(
-        summary=summarise(scene, priors, fits, predicted, ratio),
+        summary=summarise(scene, priors, fits, predicted, ratio) | consistency_block(trials),
         manifest=manifest(scene, seed, started, fits),
         arrays=all_arrays(scene, nominal, fits, truth.psi),
         tables=all_tables(scene, nominal, fits, truth.psi, predicted),

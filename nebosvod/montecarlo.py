@@ -1,0 +1,142 @@
+"""Monte Carlo: truths really drawn, measured, estimated again; the sample of errors that K_true must describe.
+
+The orbit of each truth is linear about the reference (by Phi and zeta), the measurement is not: direction and light
+time are computed in full. Run i draws from its own seed, so the result does not depend on how runs are shared out.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from nebosvod.assembly import View, computed_psi, linear_problem
+from nebosvod.estimation import Estimate
+from nebosvod.fitting import SOLVERS, Fit
+from nebosvod.mission import Estimator
+from nebosvod.observation import Common, draw_noise, draw_truth, measure, residual
+from nebosvod.prior import STATE_NAMES, PriorTable
+from nebosvod.scene import Scene
+
+Array = npt.NDArray[np.float64]
+LEVELS = (0.5, 0.9, 0.99)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Sample:
+    """Errors of repeated estimation.
+
+    Attributes
+    ----------
+    names : s estimated parameters.
+    errors : (runs, s), estimate minus truth.
+    reference : the estimate at the reference, whose K_true is on trial.
+    """
+
+    names: tuple[str, ...]
+    errors: Array
+    reference: Estimate
+
+    @property
+    def nees(self) -> Array:
+        """Normalised squared error (runs,) of the state, through the factor of K_true."""
+        place = [self.names.index(name) for name in STATE_NAMES]
+        whitened = np.linalg.solve(self.reference.factor(STATE_NAMES), self.errors[:, place].T)
+        total: Array = np.sum(whitened**2, axis=0)
+        return total
+
+
+def repeat(
+    scene: Scene,
+    estimator: Estimator,
+    nominal: View,
+    priors: PriorTable,
+    runs: int,
+    seed: int,
+    progress: Callable[[str], None] = lambda message: None,
+) -> Sample:
+    """Estimate `runs` drawn truths with one estimator, linear about the nominal point.
+
+    Parameters
+    ----------
+    nominal : the nominal point, seen.
+    seed : run i draws from SeedSequence(seed, spawn_key=(i,)).
+    """
+    base = linear_problem(scene, estimator, nominal, computed_psi(nominal), priors, about=nominal.point)
+    solve = SOLVERS[estimator.method]
+    reference = solve(base)
+    errors = np.empty((runs, len(reference.names)))
+    for i in range(runs):
+        if i % 100 == 0:
+            progress(f"Monte Carlo: {i} of {runs} runs")
+        rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(i,)))
+        psi, truth = measured_truth(scene, nominal, priors, rng)
+        estimate = solve(replace(base, residual=residual(psi, computed_psi(nominal))))
+        errors[i] = estimate.mean - np.array([truth[name] for name in estimate.names])
+    return Sample(names=reference.names, errors=errors, reference=reference)
+
+
+def measured_truth(
+    scene: Scene, nominal: View, priors: PriorTable, rng: np.random.Generator
+) -> tuple[Array, Mapping[str, float]]:
+    """Draw one truth and measure it: directions (n, 2), and every true value as a deviation from the nominal point."""
+    values = nominal.point.values
+    fixed = {parameter.name for parameter in scene.mission.free_parameters if parameter.treatment == "fixed"}
+    truth = dict.fromkeys(values, 0.0)
+    truth |= {name: value - values[name] for name, value in priors.draw(rng).items() if name not in fixed}
+    drawn = draw_truth(nominal.terms, rng)
+    for term in nominal.terms:
+        if isinstance(term, Common):
+            truth |= {name: float(value) - values[name] for name, value in zip(term.names, drawn[term.name])}
+    psi = measure(
+        nominal.observation,
+        nominal.terms,
+        drawn,
+        state_deviation=np.array([truth[name] for name in STATE_NAMES]),
+        parameters_deviation=np.array([truth[name] for name in nominal.observation.parameter_names]),
+        noise=draw_noise(nominal.observation.noise, rng),
+    )
+    return psi, truth
+
+
+def consistency(sample: Sample) -> dict[str, Any]:
+    """The `consistency` block of summary.json: mean NEES with its 99 % interval, and coverage of the state."""
+    from scipy.special import chdtri, gammainc
+
+    nees, size = sample.nees, len(STATE_NAMES)
+    runs = len(nees)
+    # the sum of the NEES over the runs is chi-square with 6 N degrees of freedom when K_true is right
+    interval = [float(chdtri(size * runs, tail)) / (size * runs) for tail in (0.995, 0.005)]
+    inside = gammainc(size / 2.0, nees / 2.0)
+    return {
+        "n_runs": runs,
+        "nees_mean": float(nees.mean() / size),
+        "nees_interval_99": interval,
+        "coverage": {f"{100 * level:g}_percent": float(np.mean(inside <= level)) for level in LEVELS},
+    }
+
+
+def monte_carlo(
+    scene: Scene,
+    nominal: View,
+    priors: PriorTable,
+    fits: list[Fit],
+    seed: int,
+    progress: Callable[[str], None] = lambda message: None,
+) -> list[dict[str, Any]]:
+    """Consistency of every estimator that has an estimate, as many runs as the mission asks for."""
+    plan = scene.mission.monte_carlo
+    if plan is None:
+        return []
+    rows = []
+    for one in fits:
+        if one.estimate.solution is not None:
+            sample = repeat(scene, one.estimator, nominal, priors, plan.runs, seed, progress)
+            rows.append({"estimator": one.estimator.name, **consistency(sample)})
+    return rows
+
+
+def consistency_block(rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """The `consistency` entry of summary.json: the first estimator's numbers, and all of them; empty without runs."""
+    return {"consistency": {**rows[0], "by_estimator": rows}} if rows else {}
