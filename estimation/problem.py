@@ -270,43 +270,36 @@ def _labels(label: npt.ArrayLike, n: int, sources: int) -> IntArray:
 
 
 def _covariances(value: Array, n: int, size: int, what: str) -> Array:
-    """Check one covariance (size, size) or a stack (n, size, size); return it as (1 or n, size, size)."""
+    """Check one covariance (size, size) or a stack (1 or n, size, size); return it as a stack."""
     array = np.asarray(value, dtype=np.float64)
     stack = array[None] if array.ndim == 2 else array
-    stack = readonly(stack, what, (1 if array.ndim == 2 else n, size, size))
+    stack = readonly(stack, what, (1 if len(stack) == 1 else n, size, size))
     if len(stack) == 1:
         covariance_factor(stack[0], what)
         return stack
     for start in range(0, len(stack), 16384):
         part = stack[start : start + 16384]
-        bad = _semidefinite_failures(part)
-        if bad.any():
-            index = int(np.argmax(bad))
+        for index in np.flatnonzero(_doubtful(part)):  # the eigenvalues decide, and word the message
             covariance_factor(part[index], f"{what} of row {start + index}")
-            raise InputError(f"{what} of row {start + index}: covariance is not positive semidefinite")
     return stack
 
 
-def _semidefinite_failures(stack: Array) -> npt.NDArray[np.bool_]:
-    """Flag the matrices of a stack (n, q, q) that an elimination with round-off allowance finds indefinite."""
+def _doubtful(stack: Array) -> npt.NDArray[np.bool_]:
+    """Flag the matrices of a stack (n, q, q) that a vectorised elimination does not find clearly definite."""
     work = stack.copy()
     size = work.shape[1]
     diagonal = np.einsum("nii->ni", stack)
-    allowance = 1e-12 * size * np.abs(diagonal)
     sigma = np.sqrt(np.abs(diagonal))
-    skew = np.abs(stack - stack.transpose(0, 2, 1)) - 1e-9 * sigma[:, :, None] * sigma[:, None, :]
-    bad: npt.NDArray[np.bool_] = (diagonal < 0.0).any(axis=1) | (skew > 0.0).any(axis=(1, 2))
+    skew = np.abs(stack - stack.transpose(0, 2, 1)) > 1e-9 * sigma[:, :, None] * sigma[:, None, :]
+    doubt: npt.NDArray[np.bool_] = skew.any(axis=(1, 2))
     for j in range(size):
         pivot = work[:, j, j]
-        bad |= pivot < -allowance[:, j]
-        alive = pivot > allowance[:, j]
-        column = np.where(alive[:, None], work[:, j + 1 :, j], 0.0)
-        rest = np.where(alive[:, None], 0.0, np.abs(work[:, j + 1 :, j]))
-        bad |= (rest > 1e-5 * sigma[:, j, None] * sigma[:, j + 1 :]).any(axis=1)
-        work[:, j + 1 :, j + 1 :] -= (
-            column[:, :, None] * column[:, None, :] / np.where(alive, pivot, 1.0)[:, None, None]
-        )
-    return bad
+        zero = ~stack[:, j].any(axis=1)  # an axis without error is common and harmless
+        alive = pivot > 1e-10 * diagonal[:, j]
+        doubt |= ~(alive | zero)
+        column = work[:, j + 1 :, j] / np.sqrt(np.where(alive, pivot, 1.0))[:, None]
+        work[:, j + 1 :, j + 1 :] -= column[:, :, None] * column[:, None, :]
+    return doubt
 
 
 def _check_treatment(treatment: str, where: str) -> None:

@@ -1,0 +1,94 @@
+"""Shares, vanished sources, and the ratio of noise to nuisance."""
+
+import numpy as np
+import pytest
+
+from nebosvod.errors import InputError
+from nebosvod.estimation import Block, LinearProblem, Prior, White, batch, budget
+
+ARCSEC = np.pi / 648000.0
+
+
+def direction_problem(distance_km, sigma_z_km=1.0, n=10, bias=0.0):
+    """RA*, Dec of a body at a distance, 0.1 arcsec, from a telescope whose position errs."""
+    H_z = np.zeros((n, 2, 3))
+    H_z[:, 0, 0] = H_z[:, 1, 1] = -1.0 / distance_km
+    H = np.random.default_rng(0).normal(size=(n, 2, 2))
+    blocks = [Block(name="state", names=("a", "b"), H=H)]
+    priors = []
+    if bias:
+        H_b = np.broadcast_to(np.eye(2), (n, 2, 2))
+        blocks.append(Block(name="bias", names=("b1", "b2"), H=H_b))
+        priors.append(Prior(name="bias", names=("b1", "b2"), covariance=bias**2 * np.eye(2)))
+    return LinearProblem(
+        residual=np.zeros((n, 2)),
+        R=(0.1 * ARCSEC) ** 2 * np.eye(2),
+        blocks=tuple(blocks),
+        priors=tuple(priors),
+        white=(White(name="position", H=H_z, Q=sigma_z_km**2 * np.eye(3), rows=np.arange(n)),),
+    )
+
+
+@pytest.mark.parametrize(("distance", "wanted", "digit"), [(3.5e6, 1.70, 5e-3), (1e8, 48.5, 5e-2)])
+def test_critical_position_error_for_a_tenth_of_an_arcsecond(distance, wanted, digit):
+    """Guo, Ivashkin 2018: sigma_z(0) = rho sigma."""
+    found = budget.noise_to_nuisance(direction_problem(distance))
+    np.testing.assert_allclose(found.sigma_critical, wanted, atol=digit)
+    np.testing.assert_allclose(found.sigma_limit(20.0), found.sigma_critical / 10.0, rtol=1e-12)
+
+
+def test_eta_is_zero_at_the_critical_error_and_drops_20_db_at_ten_times_it():
+    critical = budget.noise_to_nuisance(direction_problem(1e8)).sigma_critical[0]
+    assert budget.noise_to_nuisance(direction_problem(1e8, critical)).eta_db_mean == pytest.approx(0.0, abs=1e-9)
+    ten = budget.noise_to_nuisance(direction_problem(1e8, 10 * critical))
+    np.testing.assert_allclose(ten.eta_db, -20.0, rtol=1e-10)
+    np.testing.assert_allclose(ten.eta_whitened_db, -20.0, rtol=1e-10)
+
+
+def test_a_common_nuisance_counts_with_the_number_of_its_measurements():
+    problem = direction_problem(1e8, n=50, bias=0.05 * ARCSEC)
+    found = budget.noise_to_nuisance(problem, sources=("bias",))
+    np.testing.assert_allclose(found.eta_db, 20 * np.log10(2.0), rtol=1e-10)
+    np.testing.assert_allclose(found.eta_effective_db, found.eta_db - 10 * np.log10(50), rtol=1e-10)
+    assert np.isinf(found.sigma_critical).all()
+
+
+def test_default_sources_leave_out_the_prior_of_the_state(make_problem):
+    with_state = budget.noise_to_nuisance(make_problem(state_prior="own"))
+    named = budget.noise_to_nuisance(make_problem(state_prior="own"), ("c", "bias A", "bias B", "z A", "z B"))
+    np.testing.assert_allclose(with_state.eta_db, named.eta_db, rtol=1e-12)
+
+
+def test_stationary_correlated_nuisance_counts_with_its_variance(make_problem):
+    problem = make_problem(z="markov")
+    found = budget.noise_to_nuisance(problem, ("z A slow",))
+    markov = problem.markov[0]
+    k = markov.rows[3]
+    wanted = np.trace(problem.R[k]) / np.trace(markov.H[3] @ markov.P0 @ markov.H[3].T)
+    assert found.eta_db[k] == pytest.approx(10 * np.log10(wanted), rel=1e-10)
+
+
+def test_shares_of_a_group_sum_to_one_and_their_variances_to_the_sigma(make_problem):
+    found = batch.solve(make_problem(seed=3, truth=True, treatments={"c": "considered"}))
+    rows = budget.group_shares(found, {"position": ("x", "y"), "velocity": ("vx", "vy")})
+    for names, group in ((("x", "y"), rows["position"]), (("vx", "vy"), rows["velocity"])):
+        assert sum(row.share for row in group) == pytest.approx(1.0, rel=1e-12)
+        trace = np.trace(found.covariance(names))
+        assert sum(row.sigma**2 for row in group) == pytest.approx(trace, rel=1e-12)
+        assert [row.share for row in group] == sorted((row.share for row in group), reverse=True)
+
+
+def test_a_vanished_source_has_two_answers_and_reoptimising_is_never_worse(make_problem):
+    for seed in range(5):
+        problem = make_problem(seed=seed)
+        for source in ("z A", "bias A", "c"):
+            found = budget.if_vanished(problem, source, ("x", "y"))
+            assert found.sigma_new_gain <= found.sigma_same_gain * (1 + 1e-9) < found.sigma
+    assert found.sigma_new_gain < 0.999 * found.sigma_same_gain
+
+
+def test_measurement_noise_cannot_vanish(make_problem):
+    with pytest.raises(InputError, match="measurement noise"):
+        budget.without(make_problem(), "noise A")
+    with pytest.raises(InputError, match="allowed: bias A"):
+        budget.without(make_problem(), "bias C")

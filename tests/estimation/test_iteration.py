@@ -1,0 +1,126 @@
+"""Gauss-Newton: the prior stays, bad starts converge or say why not."""
+
+import numpy as np
+import pytest
+
+from nebosvod.estimation import Block, LinearProblem, Prior, Status, gauss_newton
+from nebosvod.estimation.iteration import cost
+
+BEACONS = np.array([[0.0, 0.0], [10.0, 0.0], [3.0, 8.0]])
+
+
+def ranges(position):
+    return np.linalg.norm(BEACONS - position, axis=1)
+
+
+def range_problem(truth, start, sigma=0.1, prior_sigma=None, prior_mean=(0.0, 0.0), turns=1.0):
+    """Ranges to three beacons; the returned function linearises about start + deviation."""
+    observed = ranges(np.asarray(truth))
+
+    def linearise(deviation):
+        x = np.asarray(start, dtype=float) + np.array([deviation.get("x", 0.0), deviation.get("y", 0.0)])
+        away = x - BEACONS
+        distance = np.linalg.norm(away, axis=1)
+        priors = []
+        if prior_sigma is not None:
+            covariance = np.diag([prior_sigma**2] * 2)
+            priors.append(Prior(name="prior", names=("x", "y"), covariance=covariance, mean=np.asarray(prior_mean)))
+        return LinearProblem(
+            residual=(turns * (observed - distance))[:, None],
+            R=sigma**2 * np.eye(1),
+            blocks=(Block(name="position", names=("x", "y"), H=turns * (away / distance[:, None])[:, None, :]),),
+            priors=tuple(priors),
+        )
+
+    return linearise
+
+
+def test_it_finds_the_truth_of_exact_measurements():
+    found = gauss_newton(range_problem((4.0, 3.0), (6.0, 6.0)))
+    assert found.status is Status.CONVERGED
+    np.testing.assert_allclose(
+        [6 + found.deviation["x"], 6 + found.deviation["y"]], [4.0, 3.0], atol=2e-5
+    )  # 1e-4 sigma
+    assert found.cost[-1] < 1e-8 < found.cost[0]
+    assert len(found.cost) == found.iterations + 1
+    assert found.steps[-1] <= 1e-4
+
+
+def test_the_prior_is_kept_where_it_was():
+    """The minimum of the whole cost, against a dense search; the printed update forgets the prior."""
+    linearise = range_problem((4.0, 3.0), (6.0, 6.0), sigma=1.0, prior_sigma=1.0, prior_mean=(0.5, -0.2))
+    found = gauss_newton(linearise, tolerance=1e-8)
+    assert found.status is Status.CONVERGED
+
+    def total(x, y):
+        misfit = ranges(np.array([4.0, 3.0])) - ranges(np.array([6.0 + x, 6.0 + y]))
+        return np.sum(misfit**2) + (x - 0.5) ** 2 + (y + 0.2) ** 2
+
+    x, y = found.deviation["x"], found.deviation["y"]
+    assert found.cost[-1] == pytest.approx(total(x, y), rel=1e-12)
+    assert found.estimate.chi2 == pytest.approx(total(x, y), rel=1e-9)
+    for dx, dy in ((1e-4, 0), (-1e-4, 0), (0, 1e-4), (0, -1e-4)):
+        assert total(x + dx, y + dy) > total(x, y)
+    # Without the prior the answer is (-2, -3); the printed update goes there.
+    assert np.hypot(x + 2.0, y + 3.0) > 0.5
+    np.testing.assert_allclose(found.estimate.mean, [x, y], atol=1e-7)
+
+
+def test_the_answer_does_not_depend_on_where_the_iteration_begins():
+    linearise = range_problem((4.0, 3.0), (6.0, 6.0), sigma=1.0, prior_sigma=1.0)
+    one = gauss_newton(linearise, tolerance=1e-9)
+    two = gauss_newton(linearise, start={"x": -1.0, "y": 1.0}, tolerance=1e-9)
+    for name in "xy":
+        assert one.deviation[name] == pytest.approx(two.deviation[name], abs=1e-7)
+
+
+def test_a_bad_start_is_damped_and_converges():
+    """Undamped Gauss-Newton on atan diverges from |x| > 1.39; halving brings it home."""
+
+    def linearise(deviation):
+        x = 3.0 + deviation.get("x", 0.0)
+        H = np.array([[[1.0 / (1.0 + x * x)]]])
+        return LinearProblem(residual=[[-np.arctan(x)]], R=[[1.0]], blocks=(Block(name="x", names=("x",), H=H),))
+
+    found = gauss_newton(linearise)
+    assert found.status is Status.CONVERGED
+    assert 3.0 + found.deviation["x"] == pytest.approx(0.0, abs=1e-4)
+    assert min(found.damping) < 1.0
+    assert all(later < earlier for earlier, later in zip(found.cost, found.cost[1:]))
+
+
+def test_the_limit_of_iterations_is_a_status_with_the_last_point():
+    found = gauss_newton(range_problem((4.0, 3.0), (60.0, 60.0)), limit=1)
+    assert found.status is Status.ITERATION_LIMIT
+    assert "limit" in found.message
+    assert np.isfinite([found.deviation["x"], found.deviation["y"]]).all()
+
+
+def test_a_wrong_gradient_ends_as_diverged_not_as_a_loop():
+    def linearise(deviation):
+        x = 1.0 + deviation.get("x", 0.0)
+        block = Block(name="x", names=("x",), H=np.array([[[-1.0]]]))  # sign error
+        return LinearProblem(residual=[[5.0 - x]], R=[[1.0]], blocks=(block,))
+
+    found = gauss_newton(linearise)
+    assert found.status is Status.DIVERGED
+    assert found.iterations == 0
+
+
+def test_an_unobservable_problem_is_a_status():
+    def linearise(deviation):
+        block = Block(name="x", names=("x", "y"), H=np.ones((3, 1, 2)))
+        return LinearProblem(residual=np.ones((3, 1)), R=[[1.0]], blocks=(block,))
+
+    found = gauss_newton(linearise)
+    assert found.status is Status.NOT_OBSERVABLE
+    assert "weakest combination" in found.message
+
+
+def test_cost_is_chi2_at_no_deviation(make_problem):
+    problem = make_problem(seed=2, z="both", state_prior="own")
+    from nebosvod.estimation.partition import Partition
+    from nebosvod.estimation.whitening import Whitener, whitened_rows
+
+    rows = whitened_rows(problem, Partition.of(problem), Whitener.of(problem))
+    assert cost(problem) == pytest.approx(np.sum(rows[:, :, Partition.of(problem).n_unknowns] ** 2), rel=1e-12)
