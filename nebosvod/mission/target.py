@@ -70,7 +70,8 @@ class Parameter:
     Attributes
     ----------
     name : the force model's column: radius_m, mass_kg, albedo, thermal_emission, a1_au_d2, a2_au_d2, a3_au_d2.
-    group : what the mission file calls it: radius, mass, density, albedo, geometric_albedo, ..., a1_residual.
+    group : radius, mass, albedo, thermal_emission, A1, A2, A3 or a1_residual: what `treatment` of an estimator says.
+    key : what the mission file gave: the group, or diameter, density, geometric_albedo.
     value, sigma : in the unit of the name; sigma None = no prior.
     treatment : as the object says; estimators may override it (`Mission.treatment`).
     origin : "orbit" when the value came with an SBDB orbit.
@@ -78,6 +79,7 @@ class Parameter:
 
     name: str
     group: str
+    key: str
     value: float
     sigma: float | None
     treatment: Treatment
@@ -156,7 +158,7 @@ class Target(Block):
             return [(("nongrav", "A1"), "A1 repeats the radiation pressure of radius, mass and albedo" + advice)]
         if isinstance(self.orbit, SbdbOrbit) and self.orbit.a1 is not None and nongrav.a1_residual is None:
             return [(("orbit",), "the orbit carries A1, which repeats the radiation pressure of the body" + advice)]
-        diffuse = [p.group for p in self.radiation_parameters if p.treatment == "estimated" and p.sigma is None]
+        diffuse = [p.key for p in self.radiation_parameters if p.treatment == "estimated" and p.sigma is None]
         if len(diffuse) > 1:
             return [((diffuse[1],), f"{' and '.join(diffuse)} {one}")]
         return []
@@ -196,6 +198,7 @@ class Target(Block):
                 parameter = Parameter(
                     name=name,
                     group="a1_residual",
+                    key="a1_residual",
                     value=residual.value,
                     sigma=residual.sigma,
                     treatment=residual.treatment,
@@ -206,7 +209,9 @@ class Target(Block):
             elif isinstance(self.orbit, SbdbOrbit) and self.orbit.nongrav_value(label) is not None:
                 value = self.orbit.nongrav_value(label) or 0.0
                 found.append(
-                    Parameter(name=name, group=label, value=value, sigma=None, treatment="fixed", origin="orbit")
+                    Parameter(
+                        name=name, group=label, key=label, value=value, sigma=None, treatment="fixed", origin="orbit"
+                    )
                 )
         return tuple(found)
 
@@ -242,12 +247,14 @@ class Target(Block):
     def _radius(self) -> Parameter:
         if self.diameter is None:
             return _parameter("radius_m", "radius", self.radius)
-        return _parameter("radius_m", "diameter", self.diameter, 0.5)
+        return _parameter("radius_m", "radius", self.diameter, 0.5, key="diameter")
 
     def _albedo(self) -> Parameter:
         if self.geometric_albedo is None or self.magnitude is None:
             return _parameter("albedo", "albedo", self.albedo)
-        return _parameter("albedo", "geometric_albedo", self.geometric_albedo, self.magnitude.phase_integral)
+        return _parameter(
+            "albedo", "albedo", self.geometric_albedo, self.magnitude.phase_integral, key="geometric_albedo"
+        )
 
     def _mass(self) -> Parameter:
         if self.density is None:
@@ -257,11 +264,15 @@ class Target(Block):
         by_radius = 3.0 * mass / radius.value * (radius.sigma or 0.0) * (radius.treatment != "fixed")
         by_density = mass / self.density.value * (self.density.sigma or 0.0)
         sigma = (by_radius**2 + by_density**2) ** 0.5 or None
-        return Parameter(name="mass_kg", group="density", value=mass, sigma=sigma, treatment=self.density.treatment)
+        return Parameter(
+            name="mass_kg", group="mass", key="density", value=mass, sigma=sigma, treatment=self.density.treatment
+        )
 
 
-def _parameter(name: str, group: str, item: Uncertain | None, factor: float = 1.0) -> Parameter:
+def _parameter(name: str, group: str, item: Uncertain | None, factor: float = 1.0, key: str = "") -> Parameter:
     """A parameter from a block of the file, scaled."""
     source = item if item is not None else Uncertain(value=0.0)
     sigma = None if source.sigma is None else source.sigma * factor
-    return Parameter(name=name, group=group, value=source.value * factor, sigma=sigma, treatment=source.treatment)
+    return Parameter(
+        name=name, group=group, key=key or group, value=source.value * factor, sigma=sigma, treatment=source.treatment
+    )

@@ -175,8 +175,7 @@ CASES = [
 @pytest.fixture(autouse=True)
 def _shipped_ephemeris_only(monkeypatch: pytest.MonkeyPatch) -> None:
     """What a fresh machine has: no full ephemeris installed, none named by the environment."""
-    first, last = (rules.Epoch.parse(text) for text in rules.shipped_span())
-    monkeypatch.setattr(rules, "ephemeris_span", lambda asteroids: (first, last))
+    monkeypatch.setattr(rules, "_FULL_PACKAGES", {"planets": "no_such_package", "asteroids": "no_such_package"})
     monkeypatch.delenv("NEBOSVOD_EPHEMERIS", raising=False)
 
 
