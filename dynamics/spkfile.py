@@ -4,6 +4,7 @@ jplephem reads the summaries; the coefficients are mapped, not copied, so that t
 cost nothing until an arc of it is used.
 """
 
+import struct
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -74,7 +75,7 @@ def read_series(path: Path) -> tuple[dict[tuple[int, int], Series], str]:
             ]
     except OSError as error:
         raise DataError(f"{path}: cannot be read ({error.strerror or error})") from None
-    except (ValueError, IndexError, KeyError, UnicodeError, EOFError) as error:
+    except (ValueError, IndexError, KeyError, UnicodeError, EOFError, struct.error) as error:
         raise DataError(f"{path}: damaged SPK file ({error})") from None
     words = np.memmap(path, dtype="<f8" if little else ">f8", mode="r", shape=(path.stat().st_size // 8,))
     series = {}
