@@ -263,7 +263,7 @@ def solve_variations(n: int, w: Work, columns: Integers, px: Array, pv: Array, h
     else:
         weigh(n, w.extrapolation, w.D_before, 3 * count, 1.0, w.D)
     last = 1e300
-    for _ in range(14):
+    for sweep in range(14):
         weigh(n, AA_FLAT, w.D, 3 * count, h * h, w.DX)
         weigh(n, A_FLAT, w.D, 3 * count, h, w.DV)
         variational(n, columns, px, pv, h, w)
@@ -276,7 +276,7 @@ def solve_variations(n: int, w: Work, columns: Integers, px: Array, pv: Array, h
             worst = max(worst, change / size)
         for i in range(24 * count):
             w.D[i] = w.E[i]
-        if worst < 1e-14 or worst * worst / last < 1e-14:
+        if worst < 1e-14 or (sweep > 0 and worst * worst / last < 1e-14):  # the next change, by the contraction seen
             return
         last = worst
 
