@@ -1,5 +1,6 @@
 """The building blocks of the mission's models: strict blocks, quantities with units, epochs, uncertain values."""
 
+import re
 from collections.abc import Callable, Sequence
 from typing import Annotated, Any, Literal, Self, TypeVar
 
@@ -16,6 +17,8 @@ TREATMENTS: tuple[Treatment, ...] = ("fixed", "ignored", "considered", "estimate
 Row = TypeVar("Row")
 Several = Annotated[tuple[Row, ...], Field(strict=False)]
 KeyPath = tuple[str | int, ...]
+# control characters, line separators, and the marks that turn the direction of writing
+_UNSEEN = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069\ud800-\udfff]")
 
 
 class Complaints(ValueError):
@@ -134,6 +137,8 @@ def _line_of_text(value: Any) -> str:
         raise InputError("needs text (got nothing)")
     if len(value) > 200 or "\n" in value:
         raise InputError(f"needs one line of at most 200 characters (got {len(value)})")
+    if bad := _UNSEEN.search(value):
+        raise InputError(f"has a character that cannot be shown (got U+{ord(bad[0]):04X}); delete it")
     return value.strip()
 
 

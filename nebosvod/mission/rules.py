@@ -41,7 +41,7 @@ def unknown(wanted: str, known: Iterable[str], what: str) -> str:
 
 
 def _references(mission: Mission) -> Iterator[Complaint]:
-    """Names of telescopes in the schedule and in sky predictions."""
+    """Names of telescopes in the schedule and in sky predictions; a limiting magnitude needs a magnitude."""
     names = [telescope.name for telescope in mission.telescopes]
     used: set[str] = set()
     for i, arc in enumerate(mission.schedule):
@@ -55,6 +55,10 @@ def _references(mission: Mission) -> Iterator[Complaint]:
             yield ("telescopes", i, "name"), 'a telescope cannot be called "all": in the schedule that means every one'
         elif name not in used:
             yield ("telescopes", i, "name"), f'"{shown(name, 60)}" is in no arc of the schedule; remove it or use it'
+    if mission.object.magnitude is None:
+        for i, telescope in enumerate(mission.telescopes):
+            if telescope.limiting_magnitude is not None:
+                yield ("telescopes", i, "limiting_magnitude"), "needs object.magnitude: {H: ..., G: ...}"
     for i, item in enumerate(mission.predictions):
         if isinstance(item, SkyPrediction) and item.telescope not in names:
             yield ("predictions", i, "from"), unknown(item.telescope, names, "telescope")

@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 import shutil
 import sys
 from pathlib import Path
@@ -357,6 +358,28 @@ def test_the_span_is_that_of_the_shipped_ephemeris_unless_the_full_one_is_instal
     monkeypatch.setattr(rules, "_FULL_PACKAGES", {"planets": "json", "asteroids": "no_such_package"})
     assert rules.ephemeris_span(asteroids=False)[0] == Epoch.parse("1549-12-31T00:00:00 TDB")
     assert rules.ephemeris_span(asteroids=True)[0] == Epoch.parse("1990-01-01T00:00:00 TDB")
+
+
+def documented() -> list[str]:
+    """The sections of the examples in the reference, those without an ellipsis."""
+    text = (ROOT / "docs" / "mission.md").read_text("utf-8")
+    blocks = re.findall(r"```yaml\n(.*?)```", text, re.DOTALL)
+    sections = [part for block in blocks for part in re.split(r"(?m)^(?=\w)", block) if part[:1].isalpha()]
+    return [
+        part
+        for part in sections
+        if "..." not in part
+        and "prior: orbit" not in part
+        and f"\n{part.split(':')[0]}:" in BASE + "\nmonte_carlo:\nreport:"
+    ]
+
+
+@pytest.mark.parametrize("section", documented(), ids=lambda s: s.splitlines()[0][:60])
+def test_the_examples_of_the_reference_are_right(section: str) -> None:
+    key = section.split(":")[0]
+    base = BASE if f"\n{key}:" in BASE else f"{BASE}\n{key}: x\n"
+    whole = re.sub(rf"(?ms)^{key}:.*?(?=^\w|\Z)", lambda _: section + "\n", base)
+    load_mission_text(whole)
 
 
 def test_a_file_comes_before_a_built_in_mission_of_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -161,6 +161,7 @@ CASES = [
         "names:",
         "keep one of the two",
     ),
+    case(0, "  magnitude: {H: 19.09, G: 0.24}", "", "22   ", "limiting_magnitude: needs object.magnitude"),
     case(0, "kind: cometary", "kind: comet", "comet\n", "object.orbit.kind", 'did you mean "cometary"?'),
     case(0, "    kind: cometary\n", "", "orbit:", "object.orbit.kind: is missing"),
     case(0, "method: recursive", "method: recursiv", "recursiv}", 'did you mean "recursive"?'),
@@ -291,6 +292,18 @@ def test_row_19_any_name_is_accepted_and_gives_a_safe_file_name(name: str, tmp_p
 def test_an_unknown_mission_name_gets_the_nearest_built_in(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["check", "apophis-2028"]) == 2
     assert 'did you mean "apophis-2029"?' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("code", ["\\e[31m", "\\u202e", "\\u2028", "\\a"])
+def test_names_with_characters_that_cannot_be_shown_are_refused(
+    code: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "m.yaml"
+    path.write_text(BASE.replace("name: apophis-2029", f'name: "a{code}b"'), "utf-8")
+    assert main(["check", str(path)]) == 2
+    err = capsys.readouterr().err
+    assert f"{path}:6:7: name: has a character that cannot be shown" in err
+    assert err.isascii()
 
 
 def test_what_the_terminal_would_obey_is_escaped(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
