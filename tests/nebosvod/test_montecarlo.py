@@ -1,0 +1,140 @@
+"""The covariance a run reports is the covariance its errors have: statistics with chi-square bounds, fixed seeds."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from scipy import stats
+
+from nebosvod.assembly import View, computed_psi, linear_problem
+from nebosvod.estimation import batch
+from nebosvod.fitting import fit
+from nebosvod.mission import Mission, load_mission_text
+from nebosvod.montecarlo import consistency, measured_truth, repeat
+from nebosvod.observation import residual
+from nebosvod.prior import STATE_NAMES, PriorTable
+from nebosvod.scene import Scene
+from nebosvod.truth import draw
+
+Array = npt.NDArray[np.float64]
+Setting = tuple[Scene, PriorTable, View]
+RUNS, SEED = 500, 20290413
+LEVEL = 0.01  # family level of each test; Bonferroni over its components
+
+
+def whitened(factor: Array, errors: Array) -> Array:
+    """Errors (runs, s) in independent unit components, if the factor is right."""
+    return np.linalg.solve(factor, errors.T).T
+
+
+def assert_covariance(errors: Array, factor: Array) -> None:
+    """The sample covariance of `errors` about zero is factor factor^T: each whitened variance, each pair, the total."""
+    y = whitened(factor, errors)
+    runs, size = y.shape
+    low, high = stats.chi2.ppf([LEVEL / (2 * size), 1.0 - LEVEL / (2 * size)], runs)
+    assert np.all((low < np.sum(y**2, axis=0)) & (np.sum(y**2, axis=0) < high))
+    total = np.sum(y**2)
+    assert stats.chi2.ppf(LEVEL / 2, runs * size) < total < stats.chi2.ppf(1.0 - LEVEL / 2, runs * size)
+    pairs = size * (size - 1) // 2
+    correlation = np.abs((y.T @ y / runs)[np.triu_indices(size, 1)])
+    assert correlation.max() < stats.norm.ppf(1.0 - LEVEL / (2 * pairs)) / np.sqrt(runs)
+
+
+def test_k_true_of_minimal_is_the_covariance_of_500_repeated_estimates(minimal_setting: Setting) -> None:
+    scene, priors, nominal = minimal_setting
+    sample = repeat(scene, scene.mission.estimators[0], nominal, priors, RUNS, SEED)
+    assert_covariance(sample.errors, sample.reference.factor(sample.names))
+
+
+def test_the_state_alone_and_its_summary_block_pass(minimal_setting: Setting) -> None:
+    scene, priors, nominal = minimal_setting
+    sample = repeat(scene, scene.mission.estimators[0], nominal, priors, RUNS, SEED + 1)
+    assert_covariance(sample.errors[:, :6], sample.reference.factor(STATE_NAMES))
+    block = consistency(sample)
+    low, high = block["nees_interval_99"]
+    assert low < block["nees_mean"] < high
+    for level, key in ((0.5, "50_percent"), (0.9, "90_percent"), (0.99, "99_percent")):
+        assert abs(block["coverage"][key] - level) < 3.0 * np.sqrt(level * (1 - level) / RUNS)
+
+
+WRONG = """
+estimators:
+  - {name: ignored bias, method: batch_qr, treatment: {bias: ignored}}
+"""
+
+
+def test_an_ignored_bias_is_caught_with_k_formal_and_passes_with_k_true(
+    minimal: Mission, make_setting: Callable[[Mission], Setting]
+) -> None:
+    scene, priors, nominal = make_setting(load_mission_text(minimal.text + WRONG))
+    sample = repeat(scene, scene.mission.estimators[0], nominal, priors, RUNS, SEED + 2)
+    state = sample.errors[:, :6]
+    assert_covariance(state, sample.reference.factor(STATE_NAMES))
+    formal = np.linalg.cholesky(sample.reference.K_formal[:6, :6] / np.outer(*2 * [sigma(sample.reference.K_formal)]))
+    with pytest.raises(AssertionError):
+        assert_covariance(state / sigma(sample.reference.K_formal), formal)
+
+
+def sigma(K: Array) -> Array:
+    """Standard deviations of the state."""
+    return np.sqrt(np.diag(K)[:6])
+
+
+MARKOV = "sigma: 30 km, correlation: gauss_markov, time: 5 d"
+
+
+@pytest.mark.parametrize("treatment", ["estimated", "considered", "ignored"])
+def test_a_correlated_position_error_is_judged_rightly_under_each_treatment(
+    minimal: Mission, make_setting: Callable[[Mission], Setting], treatment: str
+) -> None:
+    text = minimal.text.replace(
+        "sigma: 3 km, correlation: white, treatment: estimated", f"{MARKOV}, treatment: {treatment}"
+    )
+    scene, priors, nominal = make_setting(load_mission_text(text))
+    sample = repeat(scene, scene.mission.estimators[0], nominal, priors, 300, SEED + 3)
+    assert_covariance(sample.errors[:, :6], sample.reference.factor(STATE_NAMES))
+
+
+def test_twenty_full_refits_agree_with_the_linear_ones_to_a_hundredth_of_sigma(minimal_setting: Setting) -> None:
+    """Truth re-propagated with its own radius, mass and albedo, Gauss-Newton from the nominal orbit."""
+    scene, priors, nominal = minimal_setting
+    estimator = scene.mission.estimators[0]
+    base = linear_problem(scene, estimator, nominal, computed_psi(nominal), priors, about=nominal.point)
+    scale = np.sqrt(np.diag(batch.solve(base).covariance(STATE_NAMES)))
+    for i in range(20):
+        truth = draw(scene, priors, np.random.default_rng(np.random.SeedSequence(SEED, spawn_key=(i,))))
+        full = fit(scene, estimator, nominal, truth.psi, priors)
+        linear = batch.solve(replace(base, residual=residual(truth.psi, computed_psi(nominal))))
+        assert str(full.status) == "converged"
+        estimate = nominal.point.state + linear.mean[:6]
+        assert np.abs((full.point.state - estimate) / scale).max() < 0.01
+
+
+@pytest.mark.parametrize(("body", "allowed"), [("known", 1e-6), ("uncertain", 0.05)])
+def test_linear_truth_and_propagated_truth_measure_the_same_sky(
+    minimal: Mission, make_setting: Callable[[Mission], Setting], body: str, allowed: float
+) -> None:
+    """The shortcut of Monte Carlo against the full chain, same draws, in units of the 0.1 arcsec noise.
+
+    With a radius uncertain by 20 % the radiation pressure is curved: the shortcut is a few hundredths of sigma off.
+    """
+    text = minimal.text
+    if body == "known":
+        for sigma_text in ("sigma: 2 m", "sigma: 2e6 kg", "sigma: 0.05, treatment"):
+            assert sigma_text in text
+        text = text.replace("sigma: 2 m", "sigma: 2e-6 m").replace("sigma: 2e6 kg", "sigma: 2 kg")
+        text = text.replace("sigma: 0.05, treatment", "sigma: 5e-8, treatment")
+    scene, priors, nominal = make_setting(load_mission_text(text))
+    for i in range(5):
+        seeds = [np.random.default_rng(np.random.SeedSequence(SEED, spawn_key=(i,))) for _ in range(2)]
+        psi, _ = measured_truth(scene, nominal, priors, seeds[0])
+        full = draw(scene, priors, seeds[1])
+        assert np.abs(residual(psi, full.psi)).max() < allowed * 0.1 * np.pi / 648000.0
+
+
+def test_run_i_does_not_depend_on_how_many_runs_there_are(minimal_setting: Setting) -> None:
+    scene, priors, nominal = minimal_setting
+    few, many = (repeat(scene, scene.mission.estimators[0], nominal, priors, n, 1).errors for n in (3, 7))
+    assert np.array_equal(few, many[:3])
