@@ -60,6 +60,16 @@ def _assemble(mass_ratio: float, P: Array) -> None:
 
 
 @kernel
+def major_velocities_at(
+    n: int, t: Array, coefficients: Array, layout: Integers, timing: Array, mass_ratio: float, W: Array
+) -> None:
+    """Barycentric velocities W (11, 24) of Sun, planets, Moon and Pluto in km/s at the n times t."""
+    for b in range(FIRST_ASTEROID):
+        velocity_at(n, t, coefficients, layout, timing, b, W[b])
+    _assemble(mass_ratio, W)
+
+
+@kernel
 def velocity_at(
     n: int, t: Array, coefficients: Array, layout: Integers, timing: Array, b: int, velocity: Array
 ) -> None:

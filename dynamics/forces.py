@@ -1,4 +1,4 @@
-"""Point masses, the Sun's relativity, zonal harmonics: each acceleration and its Jacobian as a pair.
+"""Point masses and zonal harmonics: each acceleration and its Jacobian as a pair. (Relativity: relativity.py.)
 
 Every function adds to its output at n <= 8 moments ("lanes", see compilation.py). X, V: position and velocity,
 barycentric; P: bodies (rows in window order); VS: velocity of the Sun; A: acceleration; S: the symmetric part of
@@ -64,64 +64,6 @@ def expand(n: int, S: Array, G: Array) -> None:
         G[48 + l] = S[16 + l]
         G[56 + l] = S[32 + l]
         G[64 + l] = S[40 + l]
-
-
-@kernel
-def sun_relativity(n: int, X: Array, V: Array, P: Array, VS: Array, gm: float, c2: float, A: Array) -> None:
-    """Schwarzschild term of the Sun, beta = gamma = 1 (Moyer 1971; Will 1981): f [(4 GM/r - w^2) d + 4 (d.w) w].
-
-    f = GM/(c^2 r^3); d and w are heliocentric position and velocity; c2 = c^2 in km^2/s^2.
-    """
-    for l in range(n):
-        dx, dy, dz = X[l] - P[0, l], X[8 + l] - P[0, 8 + l], X[16 + l] - P[0, 16 + l]
-        wx, wy, wz = V[l] - VS[l], V[8 + l] - VS[8 + l], V[16 + l] - VS[16 + l]
-        r2 = dx * dx + dy * dy + dz * dz
-        r = np.sqrt(r2)
-        f = gm / (c2 * r2 * r)
-        a = f * (4.0 * gm / r - (wx * wx + wy * wy + wz * wz))
-        b = 4.0 * f * (dx * wx + dy * wy + dz * wz)
-        A[l] += a * dx + b * wx
-        A[8 + l] += a * dy + b * wy
-        A[16 + l] += a * dz + b * wz
-
-
-@kernel
-def sun_relativity_gradient(
-    n: int, X: Array, V: Array, P: Array, VS: Array, gm: float, c2: float, G: Array, K: Array
-) -> None:
-    """dA/dX = a I + d u^T + w y^T and dA/dV = b I + d p^T + w q^T of A = a d + b w.
-
-    u = -(4 GM f/r^3 + 3 a/r^2) d, y = 4 f w - (3 b/r^2) d, p = -2 f w, q = 4 f d.
-    """
-    for l in range(n):
-        dx, dy, dz = X[l] - P[0, l], X[8 + l] - P[0, 8 + l], X[16 + l] - P[0, 16 + l]
-        wx, wy, wz = V[l] - VS[l], V[8 + l] - VS[8 + l], V[16 + l] - VS[16 + l]
-        r2 = dx * dx + dy * dy + dz * dz
-        r = np.sqrt(r2)
-        f = gm / (c2 * r2 * r)
-        a = f * (4.0 * gm / r - (wx * wx + wy * wy + wz * wz))
-        b = 4.0 * f * (dx * wx + dy * wy + dz * wz)
-        cu, cy, f4 = -(4.0 * gm * f / r + 3.0 * a) / r2, -3.0 * b / r2, 4.0 * f
-        yx, yy, yz = f4 * wx + cy * dx, f4 * wy + cy * dy, f4 * wz + cy * dz
-        ux, uy, uz, px, py, pz = cu * dx, cu * dy, cu * dz, -2.0 * f * wx, -2.0 * f * wy, -2.0 * f * wz
-        G[l] += a + dx * ux + wx * yx
-        G[8 + l] += dx * uy + wx * yy
-        G[16 + l] += dx * uz + wx * yz
-        G[24 + l] += dy * ux + wy * yx
-        G[32 + l] += a + dy * uy + wy * yy
-        G[40 + l] += dy * uz + wy * yz
-        G[48 + l] += dz * ux + wz * yx
-        G[56 + l] += dz * uy + wz * yy
-        G[64 + l] += a + dz * uz + wz * yz
-        K[l] += b + dx * px + wx * f4 * dx
-        K[8 + l] += dx * py + wx * f4 * dy
-        K[16 + l] += dx * pz + wx * f4 * dz
-        K[24 + l] += dy * px + wy * f4 * dx
-        K[32 + l] += b + dy * py + wy * f4 * dy
-        K[40 + l] += dy * pz + wy * f4 * dz
-        K[48 + l] += dz * px + wz * f4 * dx
-        K[56 + l] += dz * py + wz * f4 * dy
-        K[64 + l] += b + dz * pz + wz * f4 * dz
 
 
 @kernel

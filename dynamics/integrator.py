@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from nebosvod.dynamics.chebyshev import bodies_at, velocity_at
+from nebosvod.dynamics.chebyshev import bodies_at, major_velocities_at, velocity_at
 from nebosvod.dynamics.collocation import A_FLAT, AA_FLAT, BARYCENTRIC, LAST_ROW, NODES, POSITION_WEIGHTS, WEIGHTS
 from nebosvod.dynamics.compilation import kernel
 from nebosvod.dynamics.forces import (
@@ -20,14 +20,20 @@ from nebosvod.dynamics.forces import (
     near,
     point_masses,
     point_masses_gradient,
-    sun_relativity,
-    sun_relativity_gradient,
     zonal_harmonics,
     zonal_harmonics_gradient,
 )
 from nebosvod.dynamics.model import Physics
 from nebosvod.dynamics.nongrav import nongrav, nongrav_gradient
 from nebosvod.dynamics.radiation import radiation, radiation_gradient
+from nebosvod.dynamics.relativity import (
+    MAJOR,
+    eih,
+    eih_gradient,
+    major_fields,
+    sun_relativity,
+    sun_relativity_gradient,
+)
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
@@ -37,7 +43,7 @@ LARGEST_STEP_S = 200.0 * 86400.0
 SMALLEST_STEP_S = 1e-3
 MOST_STEPS = 2_000_000
 EPSILON = 2.2e-16
-EARTH = 3
+SUN, EARTH = 0, 3
 
 
 class Work(NamedTuple):
@@ -46,6 +52,10 @@ class Work(NamedTuple):
     t: Array  # (8,) node times
     P: Array  # (bodies, 24) positions of the bodies at the nodes
     VS: Array  # (24,) velocity of the Sun
+    W: Array  # (11, 24) velocities of the major bodies (EIH only)
+    WA: Array  # (11, 24) their accelerations
+    U: Array  # (11, 8) the potentials they move in
+    Q: Array  # (32,) scratch of EIH
     pole: Array  # (3,) Earth's pole of date
     X: Array  # (24,) positions at the nodes
     V: Array  # (24,)
@@ -82,7 +92,8 @@ def make_work(bodies: int, columns: int) -> Work:
     """Allocate the scratch arrays."""
     wide = 24 * columns
     return Work(
-        np.zeros(8), np.zeros((bodies, 24)), np.zeros(24), np.zeros(3), np.zeros(24), np.zeros(24), np.zeros(24),
+        np.zeros(8), np.zeros((bodies, 24)), np.zeros(24), np.zeros((MAJOR, 24)), np.zeros((MAJOR, 24)),
+        np.zeros((MAJOR, 8)), np.zeros(32), np.zeros(3), np.zeros(24), np.zeros(24), np.zeros(24),
         np.zeros(24), np.zeros(8), np.zeros(24), np.zeros(64), np.zeros(48), np.zeros(72), np.zeros(72),
         np.zeros(96), np.zeros(wide), np.zeros(wide), np.zeros(wide), np.zeros(wide), np.zeros(wide),
     )  # fmt: skip
@@ -121,8 +132,12 @@ def acceleration(n: int, w: Work, p: Physics, A: Array) -> None:
     point_masses(n, w.X, w.P, p.gm, A, w.tide)
     if p.earth_range > 0.0 and near(p.earth_range, n, w.X, w.P, EARTH):
         zonal_harmonics(n, w.X, w.P, EARTH, p.gm[EARTH], p.earth_zonal, w.pole, A)
+    if p.sun_oblate:
+        zonal_harmonics(n, w.X, w.P, SUN, p.gm[SUN], p.sun_zonal, p.sun_pole, A)
     if p.relativity == 1:
-        sun_relativity(n, w.X, w.V, w.P, w.VS, p.gm[0], p.c2, A)
+        sun_relativity(n, w.X, w.V, w.P, w.VS, p.gm[SUN], p.c2, A)
+    elif p.relativity == 2:
+        eih(n, w.X, w.V, w.P, w.W, w.WA, w.U, p.gm, p.c2, w.Q, A)
     if p.radiation_on:
         radiation(n, w.X, w.P, p.radiation_strength, A)
     if p.nongrav_on:
@@ -139,11 +154,15 @@ def jacobian(n: int, w: Work, p: Physics) -> None:
     point_masses_gradient(n, w.X, w.P, p.gm, w.S)
     if p.earth_range > 0.0 and near(p.earth_range, n, w.X, w.P, EARTH):
         zonal_harmonics_gradient(n, w.X, w.P, EARTH, p.gm[EARTH], p.earth_zonal, w.pole, w.S)
+    if p.sun_oblate:
+        zonal_harmonics_gradient(n, w.X, w.P, SUN, p.gm[SUN], p.sun_zonal, p.sun_pole, w.S)
     if p.radiation_on:
         radiation_gradient(n, w.X, w.P, p.radiation_strength, p.radiation_unit, w.S, w.F[:24])
     expand(n, w.S, w.G)
     if p.relativity == 1:
-        sun_relativity_gradient(n, w.X, w.V, w.P, w.VS, p.gm[0], p.c2, w.G, w.K)
+        sun_relativity_gradient(n, w.X, w.V, w.P, w.VS, p.gm[SUN], p.c2, w.G, w.K)
+    elif p.relativity == 2:
+        eih_gradient(n, w.X, w.V, w.P, w.W, w.WA, w.U, p.gm, p.c2, w.Q, w.G, w.K)
     if p.nongrav_on:
         nongrav_gradient(n, w.X, w.V, w.P, w.VS, p.nongrav_strength, p.nongrav_unit, w.G, w.K, w.F[24:])
 
@@ -182,6 +201,9 @@ def read_ephemeris(
         w.t[i] = t + h * NODES[i]
     bodies_at(n, w.t, coefficients, layout, timing, p.mass_ratio, w.P)
     velocity_at(n, w.t, coefficients, layout, timing, 0, w.VS)
+    if p.relativity == 2:
+        major_velocities_at(n, w.t, coefficients, layout, timing, p.mass_ratio, w.W)
+        major_fields(n, w.P, p.gm, w.WA, w.U)
     earth_pole(p.century + (t + 0.5 * h) / 3155760000.0, w.pole)
 
 

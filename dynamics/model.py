@@ -22,6 +22,14 @@ Relativity = Literal["none", "sun", "eih"]
 RELATIVITY: tuple[Relativity, ...] = ("none", "sun", "eih")
 # The J2 field of the Earth is summed inside this distance: cutting at 0.1 au costs 0.18 m in ten years.
 OBLATENESS_RANGE_KM = AU_KM
+# North pole of the Sun: RA 286.13 deg, Dec 63.87 deg (IAU WGCCRE 2015)
+SUN_POLE: Array = np.array(
+    [
+        np.cos(np.radians(63.87)) * np.cos(np.radians(286.13)),
+        np.cos(np.radians(63.87)) * np.sin(np.radians(286.13)),
+        np.sin(np.radians(63.87)),
+    ]
+)
 # Columns that the kernel integrates; every parameter is a multiple of one of them
 COLUMNS = ("kappa", "a1", "a2", "a3")
 
@@ -35,6 +43,9 @@ class Physics(NamedTuple):
     relativity: int  # place in RELATIVITY
     earth_zonal: Array  # (4,) radius in km, J2, J3, J4
     earth_range: float  # km; 0 switches the zonal harmonics off
+    sun_oblate: bool
+    sun_zonal: Array  # (4,) radius in km, J2, 0, 0
+    sun_pole: Array  # (3,) unit vector of the Sun's rotation axis
     century: float  # Julian centuries of the epoch after J2000
     radiation_on: bool
     radiation_strength: float  # km^3/s^2
@@ -54,6 +65,7 @@ class ForceModel:
     asteroids : whether the 16 asteroids attract.
     relativity : "none", "sun" (Schwarzschild term of the Sun) or "eih" (all planets).
     earth_oblateness : J2, J3, J4 of the Earth, with its pole of date.
+    sun_oblateness : J2 of the Sun.
     radiation : sphere in sunlight, or None.
     nongrav : Marsden's A1, A2, A3, or None.
     parameters : names of the columns of zeta in their order, of "radius_m", "mass_kg", "albedo", "thermal_emission"
@@ -69,6 +81,7 @@ class ForceModel:
     asteroids: bool = True
     relativity: Relativity = "sun"
     earth_oblateness: bool = True
+    sun_oblateness: bool = True
     radiation: RadiationPressure | None = None
     nongrav: Nongrav | None = None
     parameters: tuple[str, ...] = ()
@@ -125,6 +138,7 @@ class ForceModel:
             asteroids=self.asteroids,
             relativity=self.relativity,
             earth_oblateness=self.earth_oblateness,
+            sun_oblateness=self.sun_oblateness,
             radiation=radiation,
             nongrav=nongrav,
             parameters=self.parameters,
@@ -148,6 +162,9 @@ class ForceModel:
             relativity=RELATIVITY.index(self.relativity),
             earth_zonal=np.array([scalars[name] for name in harmonics]),
             earth_range=float(OBLATENESS_RANGE_KM if self.earth_oblateness else 0.0),
+            sun_oblate=self.sun_oblateness,
+            sun_zonal=np.array([scalars["sun_radius_km"], scalars["sun_j2"], 0.0, 0.0]),
+            sun_pole=SUN_POLE.copy(),
             century=float((epoch.day - J2000_JD + epoch.fraction) / 36525.0),
             radiation_on=self.radiation is not None,
             radiation_strength=float(RADIATION_KM3_S2_PER_M2_KG * kappa),
