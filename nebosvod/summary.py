@@ -87,6 +87,7 @@ def estimator_row(scene: Scene, priors: PriorTable, fit: Fit) -> dict[str, Any]:
         "iterations": fit.iterations,
         "dof": estimate.dof,
         "condition_number": _finite(estimate.condition_number),
+        "n_estimated": len(estimate.names),
         "rank": estimate.rank,
         "weak_direction": {} if estimate.solution is not None else dict(estimate.weak_direction),
     }

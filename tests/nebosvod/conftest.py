@@ -53,3 +53,9 @@ def minimal_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("runs") / "minimal"
     assert main(["run", "minimal", "-o", str(folder), "--seed", "3"]) == 0
     return folder
+
+
+@pytest.fixture(scope="session")
+def minimal_text(minimal: Mission) -> str:
+    """The text of the smallest mission, to be changed by a test."""
+    return minimal.text
