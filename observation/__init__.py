@@ -4,14 +4,21 @@ from nebosvod.observation.astrometry import Observation, merge, observe
 from nebosvod.observation.bias import ArcBias, BiasDrift, ConstantBias, GaussMarkovBias, ZoneBias
 from nebosvod.observation.clock import TimingOffset
 from nebosvod.observation.direction import ra_dec, residual
+from nebosvod.observation.geocentric import GeocentricOrbit, sun_synchronous
+from nebosvod.observation.heliocentric import HeliocentricOrbit
+from nebosvod.observation.lagrange import LibrationOrbit
 from nebosvod.observation.nuisance import Nuisance
+from nebosvod.observation.oem import Oem, OemCovariance, read_oem
 from nebosvod.observation.orbit_error import OrbitError
 from nebosvod.observation.photocentre import Photocentre
 from nebosvod.observation.photometry import apparent_magnitude
 from nebosvod.observation.position_error import ConstantPosition, GaussMarkovPosition, WhitePosition
 from nebosvod.observation.sight import Sight, sight
 from nebosvod.observation.simulate import draw_noise, draw_truth, measure
+from nebosvod.observation.sites import GroundSite
 from nebosvod.observation.spacecraft import Geostationary, HeliocentricCompanion, Spacecraft
+from nebosvod.observation.spk import ChebyshevOrbit, read_spk
+from nebosvod.observation.tabulated import TabulatedOrbit, table
 from nebosvod.observation.telescope import Telescope
 from nebosvod.observation.term import Common, Markov, Term, White
 from nebosvod.observation.visibility import Visibility, visibility
@@ -19,20 +26,28 @@ from nebosvod.observation.visibility import Visibility, visibility
 __all__ = [
     "ArcBias",
     "BiasDrift",
+    "ChebyshevOrbit",
     "Common",
     "ConstantBias",
     "ConstantPosition",
     "GaussMarkovBias",
     "GaussMarkovPosition",
+    "GeocentricOrbit",
     "Geostationary",
+    "GroundSite",
     "HeliocentricCompanion",
+    "HeliocentricOrbit",
+    "LibrationOrbit",
     "Markov",
     "Nuisance",
     "Observation",
+    "Oem",
+    "OemCovariance",
     "OrbitError",
     "Photocentre",
     "Sight",
     "Spacecraft",
+    "TabulatedOrbit",
     "Telescope",
     "Term",
     "TimingOffset",
@@ -47,7 +62,11 @@ __all__ = [
     "merge",
     "observe",
     "ra_dec",
+    "read_oem",
+    "read_spk",
     "residual",
     "sight",
+    "sun_synchronous",
+    "table",
     "visibility",
 ]

@@ -1,0 +1,201 @@
+"""CCSDS Orbit Ephemeris Messages in keyword = value notation (CCSDS 502.0-B)."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from nebosvod.errors import DataError, InputError
+from nebosvod.observation.contracts import Array
+from nebosvod.observation.tabulated import BARYCENTRE, Method, Segment, TabulatedOrbit
+from nebosvod.timescale import Epoch
+
+CENTRES = {
+    "EARTH": "earth",
+    "SUN": "sun",
+    "MOON": "moon",
+    "EARTH BARYCENTER": "emb",
+    "SOLAR SYSTEM BARYCENTER": BARYCENTRE,
+    "MARS BARYCENTER": "mars",
+}
+FRAMES = ("EME2000", "ICRF", "GCRF")
+# seconds to add to a clock reading to have TT; UTC and TDB are read as such
+ATOMIC = {"TT": 0.0, "TAI": 32.184, "GPS": 51.184}
+LARGEST_BYTES = 200_000_000
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class OemCovariance:
+    """A 6 x 6 covariance of the state, km and km/s, at an epoch, in the frame the message names."""
+
+    epoch: Epoch
+    frame: str
+    covariance: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Oem:
+    """An orbit with the covariances that came with it."""
+
+    object_name: str
+    orbit: TabulatedOrbit
+    covariances: tuple[OemCovariance, ...]
+
+
+def read_oem(path: str | Path) -> Oem:
+    """Read an OEM file in keyword notation.
+
+    Raises
+    ------
+    DataError
+        If the file cannot be opened.
+    InputError
+        With file and line, for whatever in it cannot be used.
+    """
+    path = Path(path)
+    try:
+        if path.stat().st_size > LARGEST_BYTES:
+            raise InputError(f"{path}: larger than {LARGEST_BYTES} bytes")
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except OSError as error:
+        raise DataError(f"{path}: {error.strerror}") from None
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: not UTF-8 at byte {error.start}") from None
+    return _Reader(path.name, lines).read()
+
+
+class _Reader:
+    """Walks through the lines once; knows where it is, for messages."""
+
+    def __init__(self, name: str, lines: list[str]) -> None:
+        self.name, self.number = name, 0
+        self.lines = self._meaningful(lines)
+        self.epoch: Epoch | None = None
+        self.origin = self.object_name = ""
+        self.segments: list[Segment] = []
+        self.covariances: list[OemCovariance] = []
+
+    def _meaningful(self, lines: list[str]) -> Iterator[str]:
+        for number, line in enumerate(lines, start=1):
+            self.number = number
+            text = line.strip()
+            if text and not text.startswith("COMMENT"):
+                yield text
+
+    def wrong(self, what: str) -> InputError:
+        return InputError(f"{self.name}:{self.number}: {what}")
+
+    def read(self) -> Oem:
+        head = next(self.lines, "")
+        if not head.replace(" ", "").startswith("CCSDS_OEM_VERS="):
+            raise self.wrong(f'not an OEM in keyword notation: begins with "{head[:40]}"')
+        meta: dict[str, str] = {}
+        rows: list[tuple[float, Array]] = []
+        for line in self.lines:
+            if line == "META_START":
+                self._close(meta, rows)
+                meta, rows = self._meta(), []
+            elif line == "COVARIANCE_START":
+                self._covariance(meta)
+            elif meta:
+                rows.append(self._state(line, meta))
+        self._close(meta, rows)
+        if self.epoch is None or not self.segments:
+            raise self.wrong("no states found")
+        orbit = TabulatedOrbit(source=self.name, epoch=self.epoch, origin=self.origin, segments=tuple(self.segments))
+        return Oem(object_name=self.object_name, orbit=orbit, covariances=tuple(self.covariances))
+
+    def _meta(self) -> dict[str, str]:
+        """Keywords up to META_STOP, checked for what we rely on."""
+        meta: dict[str, str] = {}
+        for line in self.lines:
+            if line == "META_STOP":
+                break
+            key, _, value = line.partition("=")
+            meta[key.strip()] = value.strip()
+        for key in ("OBJECT_NAME", "CENTER_NAME", "REF_FRAME", "TIME_SYSTEM", "START_TIME", "STOP_TIME"):
+            if key not in meta:
+                raise self.wrong(f"the metadata lack {key}")
+        centre = CENTRES.get(meta["CENTER_NAME"].upper())
+        if centre is None or (self.origin and centre != self.origin):
+            raise self.wrong(f"CENTER_NAME {meta['CENTER_NAME']}: one of {', '.join(CENTRES)}, the same throughout")
+        if meta["REF_FRAME"].upper() not in FRAMES:
+            raise self.wrong(f"REF_FRAME {meta['REF_FRAME']}: one of {', '.join(FRAMES)} is read")
+        if meta["TIME_SYSTEM"].upper() not in ("UTC", "TDB", *ATOMIC):
+            raise self.wrong(f"TIME_SYSTEM {meta['TIME_SYSTEM']}: one of UTC, TDB, {', '.join(ATOMIC)} is read")
+        self.origin, self.object_name = centre, meta["OBJECT_NAME"]
+        return meta
+
+    def _time(self, text: str, meta: dict[str, str]) -> Epoch:
+        system = meta["TIME_SYSTEM"].upper()
+        try:
+            if system in ATOMIC:
+                return Epoch.parse(f"{text} TT") + ATOMIC[system]
+            return Epoch.parse(f"{text} {system}")
+        except InputError as error:
+            raise self.wrong(str(error)) from None
+
+    def _seconds(self, text: str, meta: dict[str, str]) -> float:
+        """Seconds after the first epoch of the file."""
+        moment = self._time(text, meta)
+        if self.epoch is None:
+            self.epoch = moment
+        return moment - self.epoch
+
+    def _numbers(self, words: list[str], allowed: tuple[int, ...]) -> Array:
+        try:
+            values = np.array([float(word) for word in words])
+        except ValueError:
+            raise self.wrong(f'expected numbers, got "{" ".join(words)[:60]}"') from None
+        if values.size not in allowed or not np.all(np.isfinite(values)):
+            raise self.wrong(f"expected {' or '.join(map(str, allowed))} finite numbers, got {values.size}")
+        return values
+
+    def _state(self, line: str, meta: dict[str, str]) -> tuple[float, Array]:
+        words = line.split()
+        return self._seconds(words[0], meta), self._numbers(words[1:], (6, 9))[:6]
+
+    def _covariance(self, meta: dict[str, str]) -> None:
+        """Blocks of an EPOCH, an optional frame and the lower triangle, up to COVARIANCE_STOP."""
+        epoch, frame, rows = "", meta.get("REF_FRAME", ""), 0
+        matrix = np.zeros((6, 6))
+        for line in self.lines:
+            key, _, value = (part.strip() for part in line.partition("="))
+            if line == "COVARIANCE_STOP":
+                return
+            if key == "EPOCH":
+                epoch, rows = value, 0
+            elif key == "COV_REF_FRAME":
+                frame = value
+            else:
+                matrix[rows, : rows + 1] = self._numbers(line.split(), (rows + 1,))
+                rows += 1
+            if rows == 6:
+                full = matrix + np.tril(matrix, -1).T
+                self.covariances.append(OemCovariance(epoch=self._time(epoch, meta), frame=frame, covariance=full))
+                rows = 0
+        raise self.wrong("COVARIANCE_STOP is missing")
+
+    def _close(self, meta: dict[str, str], rows: list[tuple[float, Array]]) -> None:
+        """Turn the rows read so far into a segment."""
+        if not meta:
+            return
+        if len(rows) < 2:
+            raise self.wrong(f"a segment needs at least two states (got {len(rows)})")
+        method: Method = "hermite" if meta.get("INTERPOLATION", "HERMITE").upper() == "HERMITE" else "lagrange"
+        degree = int(self._numbers([meta.get("INTERPOLATION_DEGREE", "7")], (1,))[0])
+        start = meta.get("USEABLE_START_TIME", meta["START_TIME"])
+        stop = meta.get("USEABLE_STOP_TIME", meta["STOP_TIME"])
+        try:
+            segment = Segment(
+                t_s=np.array([t for t, _ in rows]),
+                states=np.stack([state for _, state in rows]),
+                start_s=self._seconds(start, meta),
+                end_s=self._seconds(stop, meta),
+                method=method,
+                window=(degree + 1) // 2 if method == "hermite" else degree + 1,
+            )
+        except InputError as error:
+            raise self.wrong(str(error)) from None
+        self.segments.append(segment)

@@ -1,0 +1,182 @@
+"""Spacecraft whose states come from a table: interpolation inside segments, errors outside of them."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from nebosvod.errors import CoverageError, InputError
+from nebosvod.observation.contracts import Array, Ephemeris
+from nebosvod.observation.term import Rows
+from nebosvod.timescale import Epoch
+
+Method = Literal["hermite", "lagrange"]
+BARYCENTRE = "barycentre"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Segment:
+    """States over one span, free of manoeuvres.
+
+    Parameters
+    ----------
+    t_s : shape (k,), ascending, seconds after the table's epoch; states : shape (k, 6), km and km/s, ICRF axes,
+        relative to the table's origin.
+    start_s, end_s : the usable span; defaults to that of `t_s`.
+    method : "hermite" (positions and velocities together) or "lagrange" (each component by itself).
+    window : how many points each interpolation uses.
+
+    Raises
+    ------
+    InputError
+        If shapes differ, numbers are not finite, times do not ascend, or the window is below two.
+    """
+
+    t_s: Array
+    states: Array
+    start_s: float
+    end_s: float
+    method: Method
+    window: int
+
+    def __post_init__(self) -> None:
+        if self.t_s.ndim != 1 or self.states.shape != (self.t_s.size, 6) or self.t_s.size < 2:
+            shapes = f"{self.states.shape} at {self.t_s.shape} times"
+            raise InputError(f"table: needs at least two states (k, 6) (got {shapes})")
+        if not (np.all(np.isfinite(self.t_s)) and np.all(np.isfinite(self.states))):
+            raise InputError("table: a time or a state is not finite")
+        if not np.all(np.diff(self.t_s) > 0.0):
+            raise InputError("table: times must ascend strictly")
+        if self.window < 2:
+            raise InputError(f"table: interpolation needs at least two points (got a window of {self.window})")
+
+    def evaluate(self, t_s: Array) -> Array:
+        """States (n, 6) at times inside the span."""
+        window = min(self.window, self.t_s.size)
+        first = np.searchsorted(self.t_s, t_s, side="right") - (window + 1) // 2
+        if window % 2:  # an odd window is centred on the nearest point
+            left = np.clip(np.searchsorted(self.t_s, t_s, side="right") - 1, 0, self.t_s.size - 2)
+            nearer = t_s - self.t_s[left] > self.t_s[left + 1] - t_s
+            first = left + nearer - window // 2
+        first = np.clip(first, 0, self.t_s.size - window)
+        index = first[:, None] + np.arange(window)
+        interpolate = hermite if self.method == "hermite" else lagrange
+        return interpolate(self.t_s[index], self.states[index], t_s)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TabulatedOrbit:
+    """A spacecraft known by a table of states.
+
+    Parameters
+    ----------
+    source : where the table is from, for messages.
+    epoch : t = 0 of the segments.
+    origin : the body the states are relative to ("earth", "sun", "emb" ...), or "barycentre".
+    segments : later ones take precedence where they overlap.
+    """
+
+    source: str
+    epoch: Epoch
+    origin: str
+    segments: tuple[Segment, ...]
+
+    @property
+    def centre(self) -> str:
+        return central_body(self.origin)
+
+    def state_km_km_s(self, ephemeris: Ephemeris, epoch: Epoch, t_s: Array) -> Array:
+        """Barycentric ICRF states (n, 6).
+
+        Raises
+        ------
+        CoverageError
+            If a time lies in no segment.
+        """
+        local = t_s + (epoch - self.epoch)
+        which = self._choose(local)
+        states = np.empty((local.size, 6))
+        for number in np.unique(which):
+            mine = which == number
+            states[mine] = self.segments[number].evaluate(local[mine])
+        if self.origin == BARYCENTRE:
+            return states
+        return states + ephemeris.state_km_km_s(self.origin, epoch, t_s)
+
+    def _choose(self, local: Array) -> Rows:
+        """Number of the segment for each time; times may stick out by 1 us, the grain of decades in seconds."""
+        which = np.full(local.size, -1)
+        for number, segment in enumerate(self.segments):
+            which[(local >= segment.start_s - 1e-6) & (local <= segment.end_s + 1e-6)] = number
+        if np.any(which < 0):
+            lost = self.epoch + float(local[np.argmax(which < 0)])
+            spans = "; ".join(
+                f"{(self.epoch + s.start_s).iso(digits=0)} to {(self.epoch + s.end_s).iso(digits=0)}"
+                for s in self.segments[:5]
+            )
+            raise CoverageError(f"{self.source}: no state at {lost.iso(digits=0)} (covers {spans})")
+        return which
+
+
+def table(
+    epoch: Epoch, t_s: Array, states: Array, origin: str, source: str = "table", window: int = 8
+) -> TabulatedOrbit:
+    """An orbit from states (k, 6), km and km/s, ICRF axes about `origin`, at `t_s` (k,) TDB seconds after `epoch`."""
+    t_s, states = np.asarray(t_s, dtype=np.float64), np.asarray(states, dtype=np.float64)
+    if t_s.size < 2:
+        raise InputError(f"{source}: needs at least two states (got {t_s.size})")
+    segment = Segment(
+        t_s=t_s, states=states, start_s=float(t_s[0]), end_s=float(t_s[-1]), method="hermite", window=window
+    )
+    return TabulatedOrbit(source=source, epoch=epoch, origin=origin, segments=(segment,))
+
+
+def central_body(origin: str) -> str:
+    """The body about which a spacecraft that is tabulated from `origin` has its RTN axes."""
+    return {BARYCENTRE: "sun", "emb": "earth"}.get(origin, origin)
+
+
+def hermite(nodes: Array, states: Array, t_s: Array) -> Array:
+    """Osculating interpolation: position polynomial through w positions and velocities; velocity its derivative.
+
+    Parameters
+    ----------
+    nodes : shape (n, w); states : shape (n, w, 6); t_s : shape (n,).
+
+    Notes
+    -----
+    Newton's divided differences on doubled nodes, time in units of the window, so that degree 20 stays well scaled.
+    """
+    w = nodes.shape[1]
+    scale = nodes[:, -1] - nodes[:, 0]
+    x = np.repeat((nodes - t_s[:, None]) / scale[:, None], 2, axis=1)
+    column = np.repeat(states[:, :, :3], 2, axis=1)
+    velocity = states[:, :, 3:] * scale[:, None, None]
+    coefficients = [column[:, 0]]
+    for order in range(1, 2 * w):
+        gap = (x[:, order:] - x[:, :-order])[:, :, None]
+        rise = column[:, 1:] - column[:, :-1]
+        if order == 1:
+            slope = np.empty_like(rise)
+            slope[:, 0::2] = velocity
+            slope[:, 1::2] = rise[:, 1::2] / gap[:, 1::2]
+        else:
+            slope = rise / gap
+        column = slope
+        coefficients.append(column[:, 0])
+    value, rate = coefficients[-1], np.zeros_like(coefficients[-1])
+    for order in range(2 * w - 2, -1, -1):  # Horner at x = 0
+        rate = value - x[:, order, None] * rate
+        value = coefficients[order] - x[:, order, None] * value
+    return np.concatenate([value, rate / scale[:, None]], axis=1)
+
+
+def lagrange(nodes: Array, states: Array, t_s: Array) -> Array:
+    """Polynomials through the w values of each of the six components; arguments as in `hermite`."""
+    x = (nodes - t_s[:, None]) / (nodes[:, -1:] - nodes[:, :1])
+    values = states.copy()
+    w = nodes.shape[1]
+    for order in range(1, w):  # Neville
+        left, right = x[:, : w - order, None], x[:, order:, None]
+        values = (right * values[:, :-1] - left * values[:, 1:]) / (right - left)
+    return values[:, 0]
