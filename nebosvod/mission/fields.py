@@ -17,6 +17,7 @@ TREATMENTS: tuple[Treatment, ...] = ("fixed", "ignored", "considered", "estimate
 Row = TypeVar("Row")
 Several = Annotated[tuple[Row, ...], Field(strict=False)]
 KeyPath = tuple[str | int, ...]
+LARGEST = 1e30  # of any quantity in internal units, so that squares and products stay finite
 # control characters, line separators, and the marks that turn the direction of writing
 _UNSEEN = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069\ud800-\udfff]")
 
@@ -69,6 +70,8 @@ def measured(
 
     def read(value: Any) -> float:
         number = quantity(value, dimension)
+        if abs(number) > LARGEST or (open_low and 0.0 < number < 1.0 / LARGEST):
+            raise InputError(f'is out of range (got "{value}"; allowed 1e-30 to 1e30 in the unit used inside)')
         too_low = low is not None and (number <= low if open_low else number < low)
         if too_low or (high is not None and number > high):
             raise InputError(f'is out of range (got "{value}"; allowed {text})')
@@ -204,7 +207,7 @@ class UncertainDensity(Uncertain):
 
 
 Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
-PositiveNumber = Annotated[float, Field(gt=0.0)]
+PositiveNumber = Annotated[float, Field(ge=1e-12, le=1e3)]
 
 
 class UncertainAlbedo(Uncertain):

@@ -9,6 +9,7 @@ from pydantic_core import CoreSchema
 from nebosvod.errors import InputError
 from nebosvod.mission.covariance import COMETARY_SCALE, Matrix
 from nebosvod.mission.fields import (
+    LARGEST,
     Angle,
     Block,
     Complaints,
@@ -89,8 +90,8 @@ class EquinoctialOrbit(Block):
     a: PositiveLength
     h: Annotated[float, Field(gt=-1.0, lt=1.0)]
     k: Annotated[float, Field(gt=-1.0, lt=1.0)]
-    p: float
-    q: float
+    p: Annotated[float, Field(ge=-1e3, le=1e3)]
+    q: Annotated[float, Field(ge=-1e3, le=1e3)]
     longitude: Angle
 
     def complaints(self) -> list[tuple[KeyPath, str]]:
@@ -142,8 +143,8 @@ def _number(value: Any) -> float:
         number = float(value)
     except ValueError:
         raise InputError(f"needs a number (got {str(value)[:60]!r})") from None
-    if not abs(number) < 1e300:
-        raise InputError(f"needs a finite number (got {str(value)[:60]!r})")
+    if not abs(number) <= LARGEST:
+        raise InputError(f"needs a finite number up to 1e30 (got {str(value)[:60]!r})")
     return number
 
 

@@ -25,7 +25,8 @@ LIMIT_S = 2.0  # CPU seconds for one file
 WORDS = (
     "", "null", "~", "true", "no", "0", "1e400", ".nan", "-.inf", "017", "0x10", "12:30:00", "1" * 400, "[]", "{}",
     "[[[[]]]]", "{a: b}", "&a x", "*a", "!!python/name:os.system x", "'", '"', "|", ">", "# c", "0 km", "-3 arcsec",
-    "1e308 au", "1e-320 kg", "5 parsec", "2028-11-15", "9999-12-31T23:59:60 UTC", "0000-00-00 TDB", "1e9 JD TDB",
+    "1e308 au", "1e-320 kg", "5 parsec", "1e-320 s", "1e200 km",
+    "2028-11-15", "9999-12-31T23:59:60 UTC", "0000-00-00 TDB", "1e9 JD TDB",
     "2459215.5 JD TDB", "2016-12-31T23:59:60 UTC", "all", "none", "orbit", "sbdb", "{value: 1}", "estimated", "ignored",
     "../../etc/passwd", "/dev/zero", "\u202e", "\ufeff", "☄", "a" * 3000, "{sigma: {position: 1 km, velocity: 1 m/s}}",
     "{covariance: [[1,2],[2,1]], names: [e, q]}", "{kind: sbdb, file: x.json}", "- x", "? y", ": z", "---", "...", "<<",

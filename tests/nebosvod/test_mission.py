@@ -118,6 +118,21 @@ def test_a1_without_radiation_pressure_is_a_parameter_like_any_other() -> None:
     assert [p.name for p in got.parameters] == ["a1_au_d2", "a2_au_d2"]
 
 
+def test_a_position_error_has_one_sigma_or_three() -> None:
+    three = mission(("sigma: 3 km, correlation", "sigmas: [1 km, 2 km, 3 m], frame: rtn, correlation")).telescopes[0]
+    assert three.position is not None
+    assert three.position.sigma_km == (1.0, 2.0, 0.003)
+    words = "telescopes[0].position: needs either sigma (every axis) or sigmas"
+    assert words in refusal(("sigma: 3 km, correlation", "correlation"))
+    assert words in refusal(("sigma: 3 km, correlation", "sigma: 3 km, sigmas: [1 km, 2 km, 3 m], correlation"))
+    assert "has the wrong length (got 2" in refusal(("sigma: 3 km, correlation", "sigmas: [1 km, 2 km], correlation"))
+
+
+@pytest.mark.parametrize("edit", [("12 h", "1e-320 s"), ("3 km", "1e200 km"), ("3 km", "1e-200 km")])
+def test_absurd_sizes_are_refused_before_they_overflow(edit: tuple[str, str]) -> None:
+    assert "is out of range" in refusal(edit)
+
+
 def test_like_takes_what_is_not_said_and_replaces_a_block_of_another_kind() -> None:
     got = mission(("orbit: {longitude: 180 deg}", "orbit: {kind: heliocentric, lead: 5 deg}\n    noise: {timing: 1 s}"))
     first, second = got.telescopes
@@ -266,6 +281,41 @@ def test_with_radiation_pressure_the_orbits_a1_must_be_replaced_by_a_residual(tm
     assert got.joint_parameters == ("A2",)
     assert [p.treatment for p in got.object.nongrav_parameters] == ["estimated", "fixed"]
     assert got.parameters[-1].treatment == "estimated"
+
+
+def pasted(model: str) -> tuple[tuple[str, str], ...]:
+    """Edits that give the orbit as JPL's JSON, pasted."""
+    elements = [("e", "0.19"), ("q", ".7458"), ("tp", "2459101.04"), ("om", "204.0"), ("w", "126.7"), ("i", "3.3")]
+    rows = [{"name": name, "label": name, "value": value, "sigma": 1e-9, "title": "x"} for name, value in elements]
+    data = [[f"{1e-18 if i == j else 0.0}" for i in range(7)] for j in range(7)]
+    labels = ["e", "q", "tp", "node", "peri", "i", "A2"]
+    block = {"labels": labels, "data": data, "elements": rows, "epoch": "2459215.5"}
+    text = f"    kind: sbdb\n    covariance: {json.dumps(block)}\n    model_pars: {model}\n"
+    return orbit_block(text, body=False)
+
+
+INVERSE_SQUARE = [("A2", "-2.9E-14"), ("ALN", "1."), ("NK", "0."), ("NM", "2."), ("R0", "1.")]
+
+
+def test_an_sbdb_block_may_be_pasted_as_jpl_prints_it() -> None:
+    got = mission(*pasted(json.dumps([{"name": n, "value": v, "sigma": None} for n, v in INVERSE_SQUARE])))
+    assert got.object.orbit.elements[0] == 0.19
+    assert got.object.orbit.epoch == Epoch.parse("2021-01-01 TDB")
+    assert [(p.name, p.value) for p in got.parameters] == [("a2_au_d2", -2.9e-14)]
+
+
+@pytest.mark.parametrize(
+    ("model", "words"),
+    [
+        ([("A2", "-2.9E-14")], "the non-gravitational model is not g = (1 au/r)^2"),
+        ([*INVERSE_SQUARE[:-2], ("NM", "2.15"), ("R0", "1.")], "the non-gravitational model is not g = (1 au/r)^2"),
+        ([], "has A2 but no value of it"),
+    ],
+)
+def test_a_pasted_orbit_with_another_or_no_law_of_its_forces_is_refused(
+    model: list[tuple[str, str]], words: str
+) -> None:
+    assert words in refusal(*pasted(json.dumps([{"name": n, "value": v} for n, v in model])))
 
 
 @needs_sbdb
