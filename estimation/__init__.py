@@ -1,6 +1,17 @@
 """Residuals and partials -> estimate, covariance and what causes it. Matrices only, no astronomy."""
 
-from nebosvod.estimation import batch, budget, ellipse, iteration, recursive
+from nebosvod.estimation import (
+    batch,
+    budget,
+    consider,
+    ellipse,
+    iteration,
+    kalman,
+    recursive,
+    sequential,
+    smoother,
+    two_stage,
+)
 from nebosvod.estimation.budget import NoiseToNuisance, noise_to_nuisance
 from nebosvod.estimation.ellipse import Ellipse, Ellipsoid
 from nebosvod.estimation.estimate import Estimate, History, Prediction, Status
@@ -25,10 +36,15 @@ __all__ = [
     "White",
     "batch",
     "budget",
+    "consider",
     "ellipse",
     "gauss_newton",
     "iteration",
+    "kalman",
     "lower_factor",
     "noise_to_nuisance",
     "recursive",
+    "sequential",
+    "smoother",
+    "two_stage",
 ]

@@ -109,6 +109,11 @@ def solve_lower(L: Array, right: Array) -> Array:
     return solution
 
 
+def solve_square(matrix: Array, right: Array) -> Array:
+    """Solve matrix x = right for a small regular matrix (s, s); LinAlgError when it is singular."""
+    return np.asarray(np.linalg.solve(matrix, right), dtype=np.float64)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Conditioning:
     """How well a triangle R (s, s) determines its unknowns, after scaling its columns to unit length.

@@ -41,7 +41,7 @@ def test_it_finds_the_truth_of_exact_measurements():
     np.testing.assert_allclose(
         [6 + found.deviation["x"], 6 + found.deviation["y"]], [4.0, 3.0], atol=2e-5
     )  # 1e-4 sigma
-    assert found.cost[-1] < 1e-8 < found.cost[0]
+    assert found.cost[-1] < 1e-6 < found.cost[0]  # steps end below 1e-4 sigma, so its cost below 1e-8 a component
     assert len(found.cost) == found.iterations + 1
     assert found.steps[-1] <= 1e-4
 

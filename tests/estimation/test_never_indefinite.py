@@ -1,0 +1,94 @@
+"""No problem, however badly posed, crashes or yields an indefinite covariance (promise of the factor)."""
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from nebosvod.errors import GeometryError
+from nebosvod.estimation import Block, LinearProblem, Prior, Status, White, batch, recursive
+
+STRATEGY = {
+    "seed": st.integers(0, 2**32 - 1),
+    "n": st.integers(1, 12),
+    "weak": st.floats(0.0, 16.0),
+    "scale": st.floats(-8.0, 8.0),
+    "prior": st.sampled_from([None, 1e-12, 1e-4, 1.0, 1e6, 1e12]),
+    "deficient": st.booleans(),
+    "nuisance": st.sampled_from([None, 0.0, 1.0, 1e8]),
+    "considered": st.booleans(),
+}
+
+
+def badly_posed(seed, n, weak, scale, prior, deficient, nuisance, considered):
+    """A problem of four state parameters and a bias with a condition number near 10**weak, units to 10**16."""
+    rng = np.random.default_rng(seed)
+    U, _ = np.linalg.qr(rng.normal(size=(2 * n, 2 * n)))
+    V, _ = np.linalg.qr(rng.normal(size=(4, 4)))
+    values = 10.0 ** (-np.linspace(0.0, weak, 4))
+    if deficient:
+        values[-1] = 0.0
+    count = min(2 * n, 4)
+    H = (U[:, :count] * values[:count]) @ V[:count]
+    H = H * 10.0 ** (scale * np.array([-1.0, 0.0, 0.5, 1.0]))
+    names = ("x", "y", "vx", "vy")
+    blocks = [Block(name="state", names=names, H=H.reshape(n, 2, 4))]
+    treatment = "considered" if considered else "estimated"
+    bias = np.broadcast_to(np.eye(2), (n, 2, 2))
+    blocks.append(Block(name="bias", names=("bx", "by"), H=bias, treatment=treatment))
+    priors = [Prior(name="bias", names=("bx", "by"), covariance=0.1 * np.eye(2))]
+    if prior is not None:
+        size = np.sqrt(prior) * 10.0 ** (-scale * np.array([-1.0, 0.0, 0.5, 1.0]))
+        priors.append(Prior(name="state", names=names, covariance=np.diag(size**2)))
+    white = ()
+    if nuisance is not None:
+        white = (White(name="z", H=rng.normal(size=(n, 2, 3)), Q=nuisance * np.eye(3), rows=np.arange(n)),)
+    return LinearProblem(
+        residual=rng.normal(size=(n, 2)), R=np.eye(2), blocks=tuple(blocks), priors=tuple(priors), white=white
+    )
+
+
+def check(found):
+    """The promises: a full-rank finite factor, or a status with the weak direction by name."""
+    if found.status is Status.NOT_OBSERVABLE:
+        assert set(found.weak_direction) == set(found.names)
+        assert max(abs(weight) for weight in found.weak_direction.values()) == pytest.approx(1.0)
+        assert found.condition_number > 1e13 or "normal equations" in found.message
+        with pytest.raises(GeometryError):
+            _ = found.K_true
+        return
+    for S in (found.S_true, found.S_formal):
+        assert np.isfinite(S).all()
+        unit = np.linalg.norm(S, axis=1)
+        assert (unit > 0.0).all()
+        assert np.linalg.svd(S / unit[:, None], compute_uv=False)[-1] > 0.0
+    assert np.isfinite(found.mean).all()
+    prediction = found.predict(np.ones((2, len(found.names))) * np.array([[1.0], [0.5]]))
+    assert np.isfinite(prediction.factor).all()
+    if found.condition_number <= 1e7:
+        for K in (found.K_true, found.K_formal):
+            unit = np.sqrt(np.diag(K))
+            np.linalg.cholesky(K / unit[:, None] / unit)
+
+
+def exercise(**case):
+    problem = badly_posed(**case)
+    check(batch.solve(problem))
+    check(batch.solve(problem, "identity"))
+    found = recursive.solve(problem)
+    check(found)
+    if found.history is not None:
+        assert not np.isnan(found.history.sigma_formal).any()
+
+
+@settings(max_examples=2000, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
+@given(**STRATEGY)
+def test_every_badly_posed_problem_gives_a_factor_or_a_status(**case):
+    exercise(**case)
+
+
+@pytest.mark.long
+@settings(max_examples=100_000, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+@given(**STRATEGY)
+def test_every_badly_posed_problem_gives_a_factor_or_a_status_100000_times(**case):
+    exercise(**case)
