@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test check lint types format long bench fuzz schema wheel clean
+.PHONY: demo test check lint types format long bench fuzz schema wheel smoke clean
 
 $(STAMP): pyproject.toml
 	$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "nebosvod needs Python 3.11 or newer, this is " + sys.version.split()[0] + "; try: make PYTHON=python3.12")'
@@ -46,7 +46,14 @@ schema: $(STAMP)
 	$(BIN)/nebosvod schema > scenarios/nebosvod.schema.json
 
 wheel: $(STAMP)
+	rm -rf dist
 	$(BIN)/python -m build --wheel
+
+# The wheel alone, installed in an environment of its own, passes the smoke tests.
+smoke: wheel
+	rm -rf build/smoke && $(PYTHON) -m venv build/smoke
+	build/smoke/bin/python -m pip install --quiet --disable-pip-version-check 'nebosvod[test] @ file://'"$$(ls $(CURDIR)/dist/*.whl)"
+	build/smoke/bin/pytest -m smoke -p no:cacheprovider
 
 clean:
 	rm -rf $(VENV) build dist *.egg-info

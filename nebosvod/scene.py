@@ -164,7 +164,8 @@ def reference_state(mission: Mission, forces: ForceModel) -> Array:
     gap = mission.reference_epoch - orbit.epoch
     if gap == 0.0:
         return state
-    return propagate(state, orbit.epoch, np.array([gap]), forces, sensitivities=False).state[0]
+    carried: Array = propagate(state, orbit.epoch, np.array([gap]), forces, sensitivities=False).state[0]
+    return carried
 
 
 def _ephemeris_path(mission: Mission) -> Path | None:
