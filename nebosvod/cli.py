@@ -28,8 +28,8 @@ CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 
 @click.group(context_settings=CONTEXT)
 @click.version_option(__version__, prog_name="nebosvod")
-@click.option("--debug", is_flag=True, help="Show a Python traceback when something fails.")
-def app(debug: bool) -> None:
+@click.option("--debug", is_flag=True, expose_value=False, help="Show a Python traceback when something fails.")
+def app() -> None:
     """Orbit determination of asteroids watched by space telescopes.
 
     Write one YAML mission; get how well the orbit and its predictions are known, and which uncertainty is
@@ -166,6 +166,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the program on `argv` (default: the command line) and return its exit code."""
     argv = sys.argv[1:] if argv is None else argv
     debug = "--debug" in argv
+    argv = [word for word in argv if word != "--debug"]  # so that it may stand anywhere
     try:
         before = signal.signal(signal.SIGTERM, _interrupt)
     except ValueError:  # not in the main thread: signals are the host program's business
