@@ -1,0 +1,266 @@
+"""Every force and its Jacobian are a pair: the hand-written derivative equals the complex step of the force.
+
+The kernels run here as plain Python (`py_func`) on complex arrays, so no difference quotient blurs the comparison.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+
+from nebosvod.dynamics import Ephemeris, forces, nongrav, radiation, relativity
+from nebosvod.dynamics.constants import AU_D2_KM_S2, AU_KM, RADIATION_KM3_S2_PER_M2_KG, SPEED_OF_LIGHT_KM_S
+from nebosvod.dynamics.ephemeris import ASTEROIDS, PLANETS
+from nebosvod.dynamics.model import SUN_POLE
+from nebosvod.timescale import Epoch
+
+Array = np.ndarray
+C2 = SPEED_OF_LIGHT_KM_S**2
+LANES = 8
+STEP = 1e-30
+UNIT = AU_D2_KM_S2 * AU_KM**2
+
+
+@dataclass
+class Scene:
+    """Eight moments of an asteroid near the Earth, the bodies there, and what EIH needs."""
+
+    X: Array
+    V: Array
+    P: Array
+    W: Array
+    WA: Array
+    U: Array
+    gm: Array
+    pole: Array
+    zonal: Array
+
+
+@pytest.fixture(scope="module")
+def scene(ephemeris: Ephemeris) -> Scene:
+    epoch, times = Epoch.parse("2029-04-13T20:00:00 TDB"), np.arange(8) * 600.0
+    bodies = PLANETS + ASTEROIDS
+    P = np.array([ephemeris.position_km(b, epoch, times).T.ravel() for b in bodies])
+    W = np.array([ephemeris.state_km_km_s(b, epoch, times)[:, 3:].T.ravel() for b in PLANETS])
+    gm = np.array([ephemeris.gm_km3_s2[b] for b in bodies])
+    rng = np.random.default_rng(3)
+    X = P[3] + rng.normal(0.0, 2.5e4, 24) + 2e4
+    V = W[3] + rng.normal(0.0, 4.0, 24)
+    WA, U = np.zeros((11, 24)), np.zeros((11, 8))
+    relativity.major_fields(8, P, gm, WA, U)
+    scalars = ephemeris.scalars
+    # harmonics a thousand times too strong in J3 and J4, so that an error in them cannot hide behind J2
+    zonal = np.array([scalars["earth_radius_km"], scalars["earth_j2"], -3e-3, 2e-3])
+    pole = np.array([0.3, -0.2, np.sqrt(1 - 0.13)])
+    return Scene(X=X, V=V, P=P, W=W, WA=WA, U=U, gm=gm, pole=pole, zonal=zonal)
+
+
+def plain(kernel: Any) -> Callable[..., None]:
+    """The Python function behind a kernel (the function itself where compilation is off)."""
+    function: Callable[..., None] = getattr(kernel, "py_func", kernel)
+    return function
+
+
+@dataclass
+class Pair:
+    """A force and its gradient with one calling convention: f(scene, X, V) -> A, g(scene) -> (S, G, K, F)."""
+
+    force: Callable[[Scene, Array, Array], Array]
+    gradient: Callable[[Scene], tuple[Array, Array]]
+
+
+def symmetric(kernel: Any) -> Callable[[Scene, tuple[Any, ...]], tuple[Array, Array]]:
+    def gradient(s: Scene, more: tuple[Any, ...]) -> tuple[Array, Array]:
+        S, G = np.zeros(48), np.zeros(72)
+        plain(kernel)(8, s.X, s.P, *more, S)
+        plain(forces.expand)(8, S, G)
+        return G, np.zeros(72)
+
+    return gradient
+
+
+def masses(s: Scene, X: Array, V: Array) -> Array:
+    A, tide = np.zeros(24, dtype=X.dtype), np.zeros(8, dtype=X.dtype)
+    plain(forces.point_masses)(8, X, s.P, s.gm, A, tide)
+    return A
+
+
+def zonal(s: Scene, X: Array, V: Array) -> Array:
+    A = np.zeros(24, dtype=X.dtype)
+    plain(forces.zonal_harmonics)(8, X, s.P, 3, s.gm[3], s.zonal, s.pole, A)
+    return A
+
+
+def solar(s: Scene, X: Array, V: Array) -> Array:
+    A = np.zeros(24, dtype=np.result_type(X, V))
+    plain(relativity.sun_relativity)(8, X, V, s.P, s.W[0], s.gm[0], C2, A)
+    return A
+
+
+def solar_gradient(s: Scene) -> tuple[Array, Array]:
+    G, K = np.zeros(72), np.zeros(72)
+    plain(relativity.sun_relativity_gradient)(8, s.X, s.V, s.P, s.W[0], s.gm[0], C2, G, K)
+    return G, K
+
+
+def einstein(s: Scene, X: Array, V: Array) -> Array:
+    kind = np.result_type(X, V)
+    A, Q = np.zeros(24, dtype=kind), np.zeros(32, dtype=kind)
+    plain(relativity.eih)(8, X, V, s.P, s.W, s.WA, s.U, s.gm, C2, Q, A)
+    return A
+
+
+def einstein_gradient(s: Scene) -> tuple[Array, Array]:
+    G, K, Q = np.zeros(72), np.zeros(72), np.zeros(32)
+    plain(relativity.eih_gradient)(8, s.X, s.V, s.P, s.W, s.WA, s.U, s.gm, C2, Q, G, K)
+    return G, K
+
+
+STRENGTH = np.array([1.0, -0.7, 0.4]) * UNIT
+SUNLIGHT = 3.0 * RADIATION_KM3_S2_PER_M2_KG
+
+
+def light(s: Scene, X: Array, V: Array) -> Array:
+    A = np.zeros(24, dtype=X.dtype)
+    plain(radiation.radiation)(8, X, s.P, SUNLIGHT, A)
+    return A
+
+
+def light_gradient(s: Scene) -> tuple[Array, Array]:
+    S, G, F = np.zeros(48), np.zeros(72), np.zeros(24)
+    plain(radiation.radiation_gradient)(8, s.X, s.P, SUNLIGHT, RADIATION_KM3_S2_PER_M2_KG, S, F)
+    plain(forces.expand)(8, S, G)
+    return G, np.zeros(72)
+
+
+def marsden(s: Scene, X: Array, V: Array) -> Array:
+    A = np.zeros(24, dtype=np.result_type(X, V))
+    plain(nongrav.nongrav)(8, X, V, s.P, s.W[0], STRENGTH, A)
+    return A
+
+
+def marsden_gradient(s: Scene) -> tuple[Array, Array]:
+    G, K, F = np.zeros(72), np.zeros(72), np.zeros(72)
+    plain(nongrav.nongrav_gradient)(8, s.X, s.V, s.P, s.W[0], STRENGTH, UNIT, G, K, F)
+    return G, K
+
+
+PAIRS = {
+    "point masses": Pair(masses, lambda s: symmetric(forces.point_masses_gradient)(s, (s.gm,))),
+    "zonal harmonics": Pair(
+        zonal, lambda s: symmetric(forces.zonal_harmonics_gradient)(s, (3, s.gm[3], s.zonal, s.pole))
+    ),
+    "Sun's relativity": Pair(solar, solar_gradient),
+    "EIH": Pair(einstein, einstein_gradient),
+    "radiation pressure": Pair(light, light_gradient),
+    "A1, A2, A3": Pair(marsden, marsden_gradient),
+}
+
+
+def complex_step(pair: Pair, s: Scene, axis: int, of_velocity: bool) -> Array:
+    """Column (3, 8) of the Jacobian by one component of position or velocity."""
+    shift = np.zeros(24, dtype=complex)
+    shift[8 * axis : 8 * axis + 8] = 1j * STEP
+    X = s.X + (0.0 if of_velocity else shift)
+    V = s.V + (shift if of_velocity else 0.0)
+    return np.imag(pair.force(s, X, V)).reshape(3, 8) / STEP
+
+
+@pytest.mark.parametrize("of_velocity", [False, True])
+@pytest.mark.parametrize("name", PAIRS)
+def test_jacobian_is_the_derivative_of_its_force(scene: Scene, name: str, of_velocity: bool) -> None:
+    """1e-12 of the largest entry: rounding of sums of ten products with some cancellation."""
+    pair = PAIRS[name]
+    jacobian = pair.gradient(scene)[1 if of_velocity else 0].reshape(3, 3, 8)
+    wanted = np.stack([complex_step(pair, scene, axis, of_velocity) for axis in range(3)], axis=1)
+    size = np.abs(wanted).max()
+    assert np.abs(jacobian - wanted).max() <= 1e-12 * size
+    assert size > 0.0 or (of_velocity and name in ("point masses", "zonal harmonics", "radiation pressure"))
+
+
+def test_parameter_columns_are_the_derivatives_of_the_force(scene: Scene) -> None:
+    """Both forces are linear in their parameters: the column is the force at unit strength."""
+    S, F = np.zeros(48), np.zeros(24)
+    plain(radiation.radiation_gradient)(8, scene.X, scene.P, SUNLIGHT, RADIATION_KM3_S2_PER_M2_KG, S, F)
+    assert light(scene, scene.X, scene.V) / 3.0 == pytest.approx(F, rel=1e-14)
+    G, K, F3 = np.zeros(72), np.zeros(72), np.zeros(72)
+    plain(nongrav.nongrav_gradient)(8, scene.X, scene.V, scene.P, scene.W[0], STRENGTH, UNIT, G, K, F3)
+    for k in range(3):
+        A = np.zeros(24)
+        plain(nongrav.nongrav)(8, scene.X, scene.V, scene.P, scene.W[0], np.eye(3)[k] * UNIT, A)
+        assert F3[24 * k : 24 * k + 24] == pytest.approx(A, rel=1e-12, abs=1e-14 * np.abs(A).max())
+
+
+def test_zonal_harmonics_are_the_gradient_of_their_potential(scene: Scene) -> None:
+    """1e-12 relative: potential in Legendre polynomials of numpy, derivative by complex step."""
+    position = scene.X.reshape(3, 8)[:, 0] - scene.P[3].reshape(3, 8)[:, 0]
+    radius, j = scene.zonal[0], scene.zonal[1:]
+
+    def potential(r: Array) -> Any:
+        distance = np.sqrt(r @ r)
+        s = r @ scene.pole / distance
+        polynomials = [(3 * s**2 - 1) / 2, (5 * s**3 - 3 * s) / 2, (35 * s**4 - 30 * s**2 + 3) / 8]
+        terms = sum(j[k] * (radius / distance) ** (k + 2) * polynomials[k] for k in range(3))
+        return -scene.gm[3] / distance * terms
+
+    wanted = [np.imag(potential(position + 1j * STEP * axis)) / STEP for axis in np.eye(3)]
+    assert zonal(scene, scene.X, scene.V).reshape(3, 8)[:, 0] == pytest.approx(np.array(wanted), rel=1e-12)
+
+
+def test_eih_without_planets_is_the_term_of_the_sun_alone(scene: Scene) -> None:
+    """1e-12 relative, for a Sun at rest: the Schwarzschild term in harmonic coordinates."""
+    gm = scene.gm.copy()
+    gm[1:] = 0.0
+    nothing, still = np.zeros((11, 24)), np.zeros((11, 24))
+    A, B, Q = np.zeros(24), np.zeros(24), np.zeros(32)
+    relativity.eih(8, scene.X, scene.V, scene.P, still, nothing, np.zeros((11, 8)), gm, C2, Q, A)
+    relativity.sun_relativity(8, scene.X, scene.V, scene.P, np.zeros(24), gm[0], C2, B)
+    assert pytest.approx(B, rel=1e-12) == A
+
+
+def test_bodies_accelerate_each_other_as_their_ephemeris_says(ephemeris: Ephemeris) -> None:
+    """1e-4 relative: Newton among eleven bodies against the second difference of DE440 over an hour."""
+    epoch, times = Epoch.parse("2029-04-13T20:00:00 TDB"), np.array([-1800.0, 0.0, 1800.0])
+    P = np.array([np.repeat(ephemeris.position_km(b, epoch, 0.0)[0], 8) for b in PLANETS])
+    gm = np.array([ephemeris.gm_km3_s2[b] for b in PLANETS])
+    WA, U = np.zeros((11, 24)), np.zeros((11, 8))
+    relativity.major_fields(8, P, gm, WA, U)
+    for row, body in enumerate(PLANETS[:7]):
+        velocity = ephemeris.state_km_km_s(body, epoch, times)[:, 3:]
+        wanted = (velocity[2] - velocity[0]) / 3600.0
+        assert np.linalg.norm(WA[row].reshape(3, 8)[:, 0] - wanted) < 2e-4 * np.linalg.norm(wanted), body
+
+
+def test_pole_of_the_earth_is_erfas_without_nutation() -> None:
+    """1e-9 rad: the series of IAU 2006 is cut after the third power."""
+    import erfa
+
+    pole = np.zeros(3)
+    for century in (-0.3, 0.0, 0.29, 0.6):
+        forces.earth_pole(century, pole)
+        matrix = erfa.pmat06(2451545.0, century * 36525.0)
+        assert np.abs(pole - matrix[2]).max() < 1e-8
+
+
+def test_pole_of_the_sun_is_a_unit_vector_towards_draco() -> None:
+    assert np.linalg.norm(SUN_POLE) == pytest.approx(1.0, abs=1e-15)
+    assert np.degrees(np.arcsin(SUN_POLE[2])) == pytest.approx(63.87, abs=1e-12)
+    assert np.degrees(np.arctan2(SUN_POLE[1], SUN_POLE[0])) % 360.0 == pytest.approx(286.13, abs=1e-12)
+
+
+def test_compiled_forces_equal_the_plain_ones(scene: Scene) -> None:
+    """1e-13: fused multiply-adds change the last digit."""
+    A, tide = np.zeros(24), np.zeros(8)
+    forces.point_masses(8, scene.X, scene.P, scene.gm, A, tide)
+    assert pytest.approx(masses(scene, scene.X, scene.V), rel=1e-13) == A
+    assert tide.max() == pytest.approx(
+        np.max(scene.gm[:, None] / np.linalg.norm((scene.X - scene.P).reshape(-1, 3, 8), axis=1) ** 3), rel=1e-12
+    )
+
+
+def test_only_the_asked_lanes_are_written(scene: Scene) -> None:
+    A, tide = np.zeros(24), np.zeros(8)
+    forces.point_masses(1, scene.X, scene.P, scene.gm, A, tide)
+    assert np.count_nonzero(A) == 3
