@@ -1,1 +1,14 @@
-"""The accuracy report: a run folder in, one self-contained HTML page out."""
+"""The accuracy report: a run folder in, one self-contained HTML page out.
+
+    folder.py      reads a run folder, and says what is wrong with it
+    wording.py     numbers, units, names of planes, parameters and sources, as a reader sees them
+    verdict.py     the sentences at the top, each made from numbers
+    tables.py      rows for the tables of the page
+    plate.py       a figure: palette, axes, SVG without anything the page does not need
+    figures.py     sigma over time, residuals, noise-to-nuisance
+    ellipses.py    prediction ellipses
+    geometry.py    plan view of the ecliptic and viewing conditions
+    page.py        make_report: all of it through report.html and style.css
+
+Everything comes from the folder: no clock, no environment, so one folder gives one sequence of bytes.
+"""

@@ -1,0 +1,316 @@
+"""The tables of the page: rows of ready text from the numbers of a run."""
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+
+from nebosvod.report import wording
+from nebosvod.report.folder import Item, RunFolder
+from nebosvod.report.verdict import formal_ratio, leading, unit_of
+from nebosvod.report.wording import DASH, finite, percent, product, quantity, series
+
+Cell = str | Markup
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Table:
+    """Column heads, rows (the first cell of each is its head), and one letter a column: l(eft) or r(ight)."""
+
+    caption: Cell
+    head: tuple[Cell, ...]
+    align: str
+    rows: tuple[tuple[Cell, ...], ...]
+    foot: tuple[Cell, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Bar:
+    """One source of the budget chart: shares in per cent for the bars, text for the reader."""
+
+    source: str
+    kind: str
+    position_width: str
+    velocity_width: str
+    position_share: Markup
+    velocity_share: Markup
+    position_sigma: Markup
+    velocity_sigma: Markup
+
+
+VARYING = ("times", "outputs_sha256")
+SAME = 0.005
+KINDS = (("noise", "noise"), ("bias", "bias"), ("position", "place"), ("orbit", "place"), ("prior", "prior"))
+
+
+def budget_bars(run: RunFolder, estimator: str) -> list[Bar]:
+    """The error budget of an estimator, largest share of the position variance first."""
+    rows = run.budget(estimator)
+    widest = max((max(r["share_position"], r["share_velocity"]) for r in rows), default=0.0) or 1.0
+    return [
+        Bar(
+            source=row["source"],
+            kind=next((kind for word, kind in KINDS if word in row["source"]), "force"),
+            position_width=f"{100 * row['share_position'] / widest:.2f}",
+            velocity_width=f"{100 * row['share_velocity'] / widest:.2f}",
+            position_share=percent(row["share_position"]),
+            velocity_share=percent(row["share_velocity"]),
+            position_sigma=quantity(row["sigma_position_km"], "km"),
+            velocity_sigma=quantity(row["sigma_velocity_m_s"], "m_s"),
+        )
+        for row in rows
+    ]
+
+
+def budget_of_predictions(run: RunFolder, estimator: Item) -> Table | None:
+    """Share of each source in the variance of each component of each prediction."""
+    predictions = [p for p in leading(run, estimator) if p.get("budget")]
+    if not predictions:
+        return None
+    sources = [row["source"] for row in predictions[0]["budget"]]
+    shares = {(i, row["source"]): row["share"] for i, p in enumerate(predictions) for row in p["budget"]}
+    order = {row["source"]: -row["share_total"] for row in predictions[0]["budget"]}
+    sizes = [len(p["budget"][0]["share"]) for p in predictions]
+    sources.sort(key=lambda s: (order[s], s))
+    rows: list[tuple[Cell, ...]] = []
+    for source in sources:
+        cells = [percent(v) for i, n in enumerate(sizes) for v in shares.get((i, source), [math.nan] * n)]
+        rows.append((source, *cells))
+    head: list[Cell] = ["source"]
+    total: list[Cell] = ["sigma of all (1σ)"]
+    for p, n in zip(predictions, sizes):
+        unit = unit_of(p)
+        names = wording.axis_names(p["plane"], n)
+        head += [Markup("{}<br>{}").format(p["name"], axis) for axis in names]
+        total += [quantity(v, unit) for v in p.get(f"sigma_{unit}", [math.nan] * n)]
+    return Table(
+        caption="Share of each source in the variance of each predicted component",
+        head=tuple(head),
+        align="l" + "r" * sum(sizes),
+        rows=tuple(rows),
+        foot=tuple(total),
+    )
+
+
+def prediction_table(run: RunFolder, estimator: Item) -> Table | None:
+    """The predictions of one estimator in full."""
+    rows: list[tuple[Cell, ...]] = []
+    for p in leading(run, estimator):
+        unit = unit_of(p)
+        axes, sigma, far = p[f"semi_axes_{unit}"], p.get(f"sigma_{unit}"), p.get(f"max_deviation_{unit}")
+        what = Markup("<b>{}</b><br>{}<br>{}").format(
+            p["name"], wording.plane_name(p["plane"], p.get("body")), wording.moment(p["epoch_tdb"])
+        )
+        rows.append((
+            what, ", ".join(wording.axis_names(p["plane"], len(axes))), series(sigma, unit) if sigma else DASH,
+            series(far, unit) if far else DASH, product(axes, unit), quantity(p.get("angle_deg"), "deg"),
+            percent(p["probability"]) if finite(p.get("probability")) else DASH,
+        ))  # fmt: skip
+    if not rows:
+        return None
+    return Table(
+        caption=Markup("Predictions, estimator “{}”").format(estimator["name"]),
+        head=(
+            "prediction",
+            "components",
+            "sigma of each (1σ)",
+            "largest deviation (3σ)",
+            "semi-axes (1σ)",
+            Markup("angle of<br>long axis"),
+            Markup("probability<br>inside 1σ"),
+        ),
+        align="llrrrrr",
+        rows=tuple(rows),
+    )
+
+
+def prediction_comparison(run: RunFolder) -> Table | None:
+    """Semi-axes by every estimator whose predictions differ from the main one's; None where none does."""
+    main = run.main
+    if main is None:
+        return None
+    found = {(p["name"], p["estimator"]): p for p in run.predictions()}
+    made = [main["name"], *different(run, main)]
+    if len(made) < 2:
+        return None
+    rows: list[tuple[Cell, ...]] = []
+    for name in dict.fromkeys(p["name"] for p in run.predictions()):
+        for kind in ("true", "formal"):
+            cells = [_axes_of(found.get((name, estimator)), kind) for estimator in made]
+            rows.append((Markup("{}, {}").format(name, kind), *cells))
+    return Table(
+        caption="Semi-axes of the predictions by estimator (1σ)",
+        head=("prediction", *made),
+        align="l" + "r" * len(made),
+        rows=tuple(rows),
+    )
+
+
+def different(run: RunFolder, main: Item) -> list[str]:
+    """Estimators with a true or formal sigma of some prediction that is off the main estimator's by more than 0.5 %."""
+    own = {p["name"]: p for p in run.predictions(main["name"])}
+    names = []
+    for p in run.predictions():
+        unit, mine = unit_of(p), own.get(p["name"])
+        if mine is None or p["estimator"] in names or p["estimator"] == main["name"]:
+            continue
+        keys = (f"sigma_{unit}", f"sigma_formal_{unit}")
+        if any(not np.allclose(p.get(key, []), mine.get(key, []), rtol=SAME, atol=0.0) for key in keys):
+            names.append(p["estimator"])
+    return names
+
+
+def _axes_of(prediction: Item | None, kind: str) -> Cell:
+    """True or formal semi-axes of one prediction."""
+    if prediction is None:
+        return DASH
+    unit = unit_of(prediction)
+    if kind == "true":
+        return product(prediction[f"semi_axes_{unit}"], unit)
+    formal = prediction.get(f"covariance_formal_{unit}2")
+    return product(_semi_axes(formal), unit) if formal else DASH
+
+
+def _semi_axes(covariance: Any) -> list[float]:
+    """Semi-axes of a covariance, largest first."""
+    values = np.linalg.eigvalsh(np.atleast_2d(np.asarray(covariance, dtype=np.float64)))
+    return [float(v) for v in np.sqrt(np.maximum(values[::-1], 0.0))]
+
+
+def estimator_table(run: RunFolder) -> Table:
+    """All estimators side by side."""
+    rows: list[tuple[Cell, ...]] = []
+    for e in run.estimators:
+        ratio, dof = formal_ratio(e), e.get("dof")
+        reduced = e["chi2"] / dof if dof and finite(e.get("chi2")) else None
+        rows.append((
+            e["name"], wording.METHODS.get(e["method"], e["method"].replace("_", " ")), e["status"].replace("_", " "),
+            str(e["iterations"]) if e.get("iterations") is not None else DASH,
+            quantity(e.get("sigma_position_km"), "km"), quantity(e.get("sigma_formal_position_km"), "km"),
+            quantity(ratio, "", 4), quantity(e.get("sigma_velocity_m_s"), "m_s"),
+            quantity(reduced), quantity(e.get("condition_number"), "", 2), _treatment(e),
+        ))  # fmt: skip
+    return Table(
+        caption="Estimators (1σ, root trace; true sigma = what the error really is under the mission's error model)",
+        head=(
+            "estimator",
+            "method",
+            "status",
+            "iterations",
+            "position, true",
+            "position, formal",
+            "true / formal",
+            "velocity, true",
+            "χ² per dof",
+            "condition number",
+            "not estimated",
+        ),
+        align="lllrrrrrrrl",
+        rows=tuple(rows),
+    )
+
+
+def _treatment(estimator: Item) -> Cell:
+    """The groups an estimator does not solve for, by treatment."""
+    treatment: Mapping[str, str] = estimator.get("treatment") or {}
+    parts = []
+    for how in ("considered", "ignored", "fixed"):
+        names = [group for group, treated in treatment.items() if treated == how]
+        if names:
+            parts.append(Markup("{}: {}").format(how, ", ".join(names)))
+    return Markup("; ").join(parts) if parts else "nothing"
+
+
+def state_table(run: RunFolder, estimator: Item) -> Table:
+    """The estimated state at the reference epoch with the sigma of each component."""
+    sigma = np.sqrt(np.maximum(np.diag(np.asarray(estimator["covariance_km_km_s"], dtype=np.float64)), 0.0))
+    rows: list[tuple[Cell, ...]] = []
+    for i, name in enumerate(("x", "y", "z", "vx", "vy", "vz")):
+        unit = "km" if i < 3 else "km/s"
+        value = f"{estimator['state_km_km_s'][i]:.{3 if i < 3 else 9}f}".replace("-", wording.MINUS)
+        rows.append((name, f"{value}{wording.NBSP}{unit}", quantity(float(sigma[i]), "km" if i < 3 else "km_s")))
+    return Table(
+        caption=Markup("Heliocentric state, ICRF, at {}, estimator “{}”").format(
+            wording.moment(run.summary["reference_epoch_tdb"]), estimator["name"]
+        ),
+        head=("component", "estimate", "sigma (1σ)"),
+        align="lrr",
+        rows=tuple(rows),
+    )
+
+
+def visibility_table(run: RunFolder) -> Table | None:
+    """How many epochs each telescope could use, and what removed the others."""
+    blocks = run.summary.get("visibility") or []
+    reasons = sorted({reason for block in blocks for reason in block.get("removed") or {}})
+    rows = tuple(
+        (
+            block["telescope"],
+            str(block["candidates"]),
+            str(block["visible"]),
+            *(str((block.get("removed") or {}).get(reason, 0)) for reason in reasons),
+        )
+        for block in blocks
+    )
+    if not rows:
+        return None
+    names = [wording.REMOVED.get(reason, reason.replace("_", " ")) for reason in reasons]
+    return Table(caption="Epochs of the schedule", head=("telescope", "scheduled", "seen", *names),
+                 align="lrr" + "r" * len(names), rows=rows)  # fmt: skip
+
+
+def limit_table(run: RunFolder) -> Table | None:
+    """How well a telescope must be known for a wanted noise-to-nuisance ratio."""
+    limits = (run.summary.get("noise_to_nuisance") or {}).get("sigma_z_limit_km") or {}
+    rows = tuple(
+        (key.replace("_", wording.NBSP), quantity(value, "km") if finite(value) else quantity(None))
+        for key, value in limits.items()
+    )
+    if not rows:
+        return None
+    return Table(
+        caption="Telescope position sigma that keeps the ratio at or above a limit",
+        head=("limit", "position sigma"),
+        align="lr",
+        rows=rows,
+    )
+
+
+def physics_table(run: RunFolder) -> Table | None:
+    """The force model of the run."""
+    rows = tuple(flat(run.summary.get("physics") or {}))
+    return Table(caption="Physics", head=("term", "value"), align="ll", rows=rows) if rows else None
+
+
+def provenance_table(run: RunFolder) -> Table:
+    """The manifest but for the mission text, and for what differs between two runs of one mission: times and hashes."""
+    rows = tuple(
+        row for row in flat({k: v for k, v in run.manifest.items() if k not in VARYING}) if not row[0].endswith("text")
+    )
+    return Table(caption="Provenance", head=("entry", "value"), align="ll", rows=rows)
+
+
+def flat(value: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
+    """A nested mapping as rows of path and text."""
+    for key, item in value.items():
+        known, unit = wording.PARAMETERS.get(key, ("", ""))
+        name = prefix + (f"{known}, {unit}".rstrip(", ") if known else str(key).replace("_", " "))
+        if isinstance(item, Mapping):
+            yield from flat(item, f"{name}: ")
+        elif isinstance(item, list):
+            yield name, ", ".join(str(part) for part in item)
+        else:
+            yield (
+                name,
+                {True: "on", False: "off", None: DASH}.get(item, str(item)) if not isinstance(item, str) else item,
+            )
+
+
+def mission_text(run: RunFolder) -> str:
+    """The mission file as it was read."""
+    block = run.manifest.get("mission")
+    text = block.get("text") if isinstance(block, Mapping) else None
+    return str(text if text is not None else run.manifest.get("mission_text", ""))
