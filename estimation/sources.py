@@ -12,12 +12,20 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from nebosvod.errors import GeometryError
 from nebosvod.estimation.estimate import Estimate, History, Solution, Status
 from nebosvod.estimation.markov import accumulated
 from nebosvod.estimation.partition import CommonSource, Partition
 from nebosvod.estimation.problem import LinearProblem, White
-from nebosvod.estimation.square_root import Conditioning, gram_factor, multiply_rows
-from nebosvod.estimation.whitening import Whitener, chunks, projected
+from nebosvod.estimation.square_root import (
+    Conditioning,
+    append_rows,
+    conditioning,
+    gram_factor,
+    multiply_rows,
+    solve_upper,
+)
+from nebosvod.estimation.whitening import Whitener, chunks, projected, whitened_rows
 
 Array = npt.NDArray[np.float64]
 
@@ -222,3 +230,25 @@ def _common_factor(partition: Partition, source: CommonSource, solved: Solved) -
     factor = outside
     factor[:s] += inside
     return factor, gain
+
+
+def measurement_gain(problem: LinearProblem) -> Array:
+    """Return M_v^T (n, p, s) of the batch estimator: how each measurement moves each estimated parameter.
+
+    Raises
+    ------
+    GeometryError
+        If the problem is not observable.
+    """
+    partition = Partition.of(problem)
+    whitener = Whitener.of(problem)
+    rows = whitened_rows(problem, partition, whitener)
+    width, size = rows.shape[2], partition.n_unknowns
+    start = np.eye(size, width)[partition.n_free :]
+    R = append_rows(start, rows.reshape(-1, width))[:size, :size]
+    if R.shape[0] < size or not conditioning(R).observable:
+        raise GeometryError("measurement_gain: the problem is not observable")
+    S = solve_upper(R, np.eye(size))
+    (_, _, X), *_ = _gain_parts(whitener, rows, S, True)
+    gain: Array = X @ (partition.T @ S).T
+    return gain
