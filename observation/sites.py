@@ -79,7 +79,8 @@ def earth_orientation(day: Array, fraction: Array, extrapolate: bool) -> tuple[A
         If a date is outside the table; past its end only when `extrapolate` is off.
     """
     table = _iers()
-    first, last = float(table["MJD"][0].value), float(table["MJD"][-1].value)
+    # the table answers up to, not at, its last day
+    first, last = float(table["MJD"][0].value), float(table["MJD"][-1].value) - 1e-6
     mjd = day - 2400000.5 + fraction
     if np.any(mjd < first) or (np.any(mjd > last) and not extrapolate):
         raise CoverageError(
