@@ -10,7 +10,7 @@ from astropy.utils import iers
 
 from nebosvod.errors import InputError
 from nebosvod.observation import Geostationary, HeliocentricCompanion
-from nebosvod.observation.earth_rotation import R_icrf_from_cirs
+from nebosvod.observation.earth_rotation import R_icrf_from_cirs, earth_rotation_angle
 from nebosvod.observation.spacecraft import rtn_axes, turn_about_ecliptic_pole
 from nebosvod.timescale import Epoch, utc_jd
 
@@ -126,6 +126,17 @@ def test_interpolated_precession_nutation_equals_erfa_to_a_microarcsecond():
     exact = np.swapaxes(erfa.c2i06a(EPOCH.day, EPOCH.fraction + t_s[some] / 86400.0), 1, 2)
     assert np.max(np.abs(ours[some] - exact)) < 5e-12  # 1e-6 arcsec
     np.testing.assert_allclose(R_icrf_from_cirs(EPOCH, t_s[some][:10]), exact[:10], rtol=0.0, atol=1e-15)
+
+
+@pytest.mark.parametrize("start", ["2016-12-20T00:00:00 TDB", "2028-03-01T06:00:00 TDB"])
+def test_the_interpolated_earth_rotation_angle_equals_the_direct_one_also_across_a_leap_second(start):
+    epoch = Epoch.parse(start)
+    t_s = np.linspace(-0.3, 21.7, 4001) * 86400.0
+    day, fraction = utc_jd(epoch, t_s)
+    turn = earth_rotation_angle(epoch, t_s) - erfa.era00(day, fraction)
+    turn = np.mod(turn + np.pi, 2.0 * np.pi) - np.pi
+    # 1e-13 d of a two-part date in one number near its half: 1e-8 s; 7e-13 rad = 0.03 mm on the geostationary ring
+    assert np.max(np.abs(turn)) < 2e-12
 
 
 def test_rtn_axes_are_right_handed_and_follow_the_motion():
