@@ -82,7 +82,7 @@ def gram_factor(gram: Array) -> Array:
     return factor
 
 
-def append_rows(triangle: Array, rows: Array, chunk: int = 16384) -> Array:
+def append_rows(triangle: Array, rows: Array, chunk: int = 8192) -> Array:
     """Reduce [triangle; rows] (., w) to upper trapezoidal form by Householder QR, a chunk at a time.
 
     The memory beyond the rows is one chunk, and time is linear in the number of rows.
@@ -191,5 +191,7 @@ def multiply_rows(stack: Array, rows: Array) -> Array:
     out = np.zeros((rows.shape[0], stack.shape[1], rows.shape[2]))
     for i in range(stack.shape[1]):
         for j in range(stack.shape[2]):
-            out[:, i] += stack[:, i, j, None] * rows[:, j]
+            factor = stack[:, i, j, None]
+            if len(stack) > 1 or factor[0, 0] != 0.0:  # one diagonal covariance for all is the common case
+                out[:, i] += factor * rows[:, j]
     return out

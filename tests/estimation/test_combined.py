@@ -1,0 +1,106 @@
+"""Grid block, moments, equivalent measurement."""
+
+import numpy as np
+import pytest
+
+from nebosvod.errors import GeometryError
+from nebosvod.estimation import kalman
+from nebosvod.estimation.combined import GridBlock, adapt, equivalent_measurement, ready
+from nebosvod.estimation.kalman import Belief
+
+
+def spd(rng, size):
+    A = rng.normal(size=(size, size))
+    return A @ A.T / size + 0.2 * np.eye(size)
+
+
+def test_the_equivalent_measurement_leads_from_the_prior_to_the_posterior():
+    rng = np.random.default_rng(0)
+    for p in (1, 2, 4):
+        prior = Belief.of(rng.normal(size=4), spd(rng, 4))
+        H, y = rng.normal(size=(p, 4)), rng.normal(size=p)
+        posterior, _ = kalman.update(prior, y - H @ prior.mean, H, spd(rng, p))
+        found = equivalent_measurement(prior, posterior)
+        assert len(found.y) == p  # rank-deficient information keeps its rank
+        again, _ = kalman.update(prior, found.y - found.H @ prior.mean, found.H, found.R)
+        np.testing.assert_allclose(again.mean, posterior.mean, atol=1e-9)
+        np.testing.assert_allclose(again.covariance, posterior.covariance, atol=1e-9)
+
+
+def test_directions_where_the_posterior_is_wider_than_the_prior_are_dropped():
+    prior = Belief.of(np.zeros(2), np.eye(2))
+    found = equivalent_measurement(prior, Belief.of([0.5, 3.0], np.diag([0.25, 4.0])))
+    assert len(found.y) == 1
+    after, _ = kalman.update(prior, found.y - found.H @ prior.mean, found.H, found.R)
+    np.testing.assert_allclose(after.mean, [0.5, 0.0], atol=1e-12)
+    np.testing.assert_allclose(after.covariance, np.diag([0.25, 1.0]), atol=1e-12)
+
+
+def test_nothing_learnt_is_no_measurement_and_a_singular_prior_is_refused():
+    prior = Belief.of(np.zeros(2), np.eye(2))
+    assert len(equivalent_measurement(prior, prior).y) == 0
+    with pytest.raises(GeometryError):
+        equivalent_measurement(Belief.of(np.zeros(2), np.diag([1.0, 0.0])), prior)
+
+
+def test_a_grid_of_a_linear_measurement_is_the_kalman_update():
+    rng = np.random.default_rng(1)
+    prior = Belief.of(rng.normal(size=3), spd(rng, 3))
+    H, R = rng.normal(size=(2, 3)), spd(rng, 2)
+    y = H @ prior.mean + rng.normal(size=2)
+    block = GridBlock.of_prior(prior, 2, points=61, reach=6.0)
+    block = block.update(y, block.nodes @ H[:, :2].T, H[:, 2:], R)
+    wanted, _ = kalman.update(prior, y - H @ prior.mean, H, R)
+    found = block.moments()
+    np.testing.assert_allclose(found.mean, wanted.mean, atol=1e-6)
+    np.testing.assert_allclose(found.covariance, wanted.covariance, atol=1e-6)
+
+
+def test_moments_of_a_bimodal_posterior_equal_dense_quadrature():
+    """y = x^2 + e + v: two roots; e is conditionally Gaussian with the cross term of mean and node kept."""
+    prior = Belief.of([0.3, 0.0], np.diag([1.0, 0.2]))
+    block = GridBlock.of_prior(prior, 1, points=401, reach=6.0)
+    block = block.update(np.array([1.0]), block.nodes**2, np.eye(1), 0.1 * np.eye(1))
+    x = np.linspace(-7.0, 7.0, 4001)
+    e = np.linspace(-4.0, 4.0, 1601)
+    X, E = np.meshgrid(x, e, indexing="ij")
+    p = np.exp(-0.5 * (X - 0.3) ** 2 - 0.5 * E**2 / 0.2 - 0.5 * (1.0 - X**2 - E) ** 2 / 0.1)
+    p /= p.sum()
+    mean = np.array([(p * X).sum(), (p * E).sum()])
+    cross = (p * (X - mean[0]) * (E - mean[1])).sum()
+    K = np.array([[(p * (X - mean[0]) ** 2).sum(), cross], [cross, (p * (E - mean[1]) ** 2).sum()]])
+    found = block.moments()
+    np.testing.assert_allclose(found.mean, mean, atol=1e-5)
+    np.testing.assert_allclose(found.covariance, K, atol=1e-5)
+
+
+def test_an_adaptive_grid_follows_a_narrow_ridge_where_an_aligned_one_fails():
+    angle, sigmas = 0.7, np.array([1.0, 0.004])
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    K = turn @ np.diag(sigmas**2) @ turn.T
+    information = np.linalg.solve(K, np.eye(2))
+
+    def evaluate(nodes):
+        away = nodes - [0.3, -0.2]
+        g = len(nodes)
+        return GridBlock(
+            nodes=nodes,
+            log_weight=-0.5 * np.einsum("ni,ij,nj->n", away, information, away),
+            mean=np.zeros((g, 0)),
+            covariance=np.zeros((0, 0)),
+        )
+
+    found = adapt(evaluate, Belief.of(np.zeros(2), 4.0 * np.eye(2)))
+    assert found.effective >= 30
+    np.testing.assert_allclose(found.moments().mean, [0.3, -0.2], atol=2e-3)
+    ratio = np.linalg.svd(np.linalg.solve(np.linalg.cholesky(K), found.moments().factor), compute_uv=False)
+    np.testing.assert_allclose(ratio, 1.0, atol=0.02)
+    axis = np.linspace(-4.0, 4.0, 41)
+    aligned = evaluate(np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2))
+    assert aligned.effective < 30
+
+
+def test_a_block_is_ready_when_its_minor_axis_is_down_to_the_drift():
+    block = Belief.of(np.zeros(3), np.diag([100.0, 0.04, 1.0]))
+    assert ready(block, 2, drift=0.25)
+    assert not ready(block, 2, drift=0.1)

@@ -1,0 +1,63 @@
+"""The nuisance brought back from the solution equals the nuisance carried as parameters."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from nebosvod.errors import InputError
+from nebosvod.estimation import Block, Prior, batch
+from nebosvod.estimation.nuisance import refine
+
+
+@pytest.mark.parametrize("z", ["white", "markov"])
+def test_refined_nuisance_equals_the_one_carried_explicitly(make_problem, z):
+    problem = make_problem(seed=5, n=12, z=z)
+    nuisance = (problem.white or problem.markov)[0]
+    found = refine(problem, batch.solve(problem), nuisance.name)
+    explicit, names = _explicit(problem, nuisance)
+    whole = batch.solve(explicit)
+    common = batch.solve(problem).names
+    for i in range(len(nuisance.rows)):
+        mine = names[3 * i : 3 * i + 3]
+        np.testing.assert_allclose(found.mean[i], [whole.value(name) for name in mine], atol=1e-10)
+        K = whole.covariance((*common, *mine))
+        s = len(common)
+        np.testing.assert_allclose(found.covariance[i], K[s:, s:], atol=1e-11)
+        np.testing.assert_allclose(found.cross[i], K[:s, s:], atol=1e-11)
+
+
+def _explicit(problem, nuisance):
+    """The problem with the nuisance as a block of its own and its full covariance in time as the prior."""
+    n_r = len(nuisance.rows)
+    names = tuple(f"z{i} {axis}" for i in range(n_r) for axis in "xyz")
+    H = np.zeros((problem.n, problem.p, 3 * n_r))
+    P = np.zeros((3 * n_r, 3 * n_r))
+    for i, row in enumerate(nuisance.rows):
+        H[row, :, 3 * i : 3 * i + 3] = nuisance.H[i]
+        here = slice(3 * i, 3 * i + 3)
+        if hasattr(nuisance, "P0"):
+            if i == 0:
+                P[here, here] = nuisance.P0
+            else:
+                before = slice(3 * i - 3, 3 * i)
+                P[here, : 3 * i] = nuisance.F[i] @ P[before, : 3 * i]
+                P[: 3 * i, here] = P[here, : 3 * i].T
+                P[here, here] = nuisance.F[i] @ P[before, before] @ nuisance.F[i].T + nuisance.Q[i]
+        else:
+            P[here, here] = nuisance.Q[0]
+    block = Block(name="z", names=names, H=H)
+    explicit = replace(
+        problem,
+        blocks=(*problem.blocks, block),
+        priors=(*problem.priors, Prior(name="z", names=names, covariance=P)),
+        white=tuple(w for w in problem.white if w is not nuisance),
+        markov=tuple(m for m in problem.markov if m is not nuisance),
+    )
+    return explicit, names
+
+
+def test_what_cannot_be_refined_is_refused(make_problem):
+    problem = make_problem(treatments={"z": "ignored"})
+    with pytest.raises(InputError, match="no estimated nuisance"):
+        refine(problem, batch.solve(problem), "z A")
