@@ -10,9 +10,11 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from nebosvod.mission.fields import Complaints, KeyPath
+from nebosvod.mission.inherit import Aliases, original
 from nebosvod.mission.model import Mission
 from nebosvod.yamlfile import Mark, Problem, Tree, YamlFile, dotted, shown
 
+MOST_EXPLAINED = 1000  # of one file; fifty are shown, in the order of the file
 _KINDS = {
     "float_type": "a number",
     "int_type": "a whole number",
@@ -36,12 +38,14 @@ _QUOTED = re.compile(r"'([^']*)'")
 class Explainer:
     """Knows where everything of one file stands, and turns pydantic's errors into problems."""
 
-    def __init__(self, file: YamlFile, tree: Tree) -> None:
+    def __init__(self, file: YamlFile, tree: Tree, aliases: Aliases) -> None:
         self.file = file
         self.tree = tree
+        self.aliases = aliases
 
     def mark(self, path: KeyPath, key: bool = False) -> Mark:
         """Where a path stands; a block stands at its key; what does not exist, at the block it should be in."""
+        path = original(path, self.aliases)
         for length in range(len(path), -1, -1):
             here = path[:length]
             if here in self.file.values:
@@ -59,7 +63,7 @@ class Explainer:
     def explain(self, error: ValidationError) -> list[Problem]:
         """All problems of a failed validation."""
         problems = []
-        for detail in error.errors(include_url=False, include_input=False):
+        for detail in error.errors(include_url=False, include_input=False)[:MOST_EXPLAINED]:
             path, rest = self._path(detail["loc"])
             problems += self._explain_one(detail, path, rest)
         return problems
@@ -117,7 +121,7 @@ class Explainer:
         value = self._value(path)
         if isinstance(value, str):
             return f' (got "{shown(value, 60)}"{tail})'
-        text = self.file.texts.get(path)
+        text = self.file.texts.get(original(path, self.aliases))
         if text is not None:
             return f" (got {shown(text, 60) or 'nothing'}{tail})"
         names: dict[type, str] = {dict: "a block", list: "a list", type(None): "nothing"}

@@ -1,34 +1,35 @@
 """`like: NAME`: a telescope takes from an earlier one whatever it does not say itself, before validation."""
 
-from dataclasses import replace
 from difflib import get_close_matches
-from typing import Any
 
+from nebosvod.mission.telescope import MAX_TELESCOPES
 from nebosvod.yamlfile import KeyPath, Problem, Tree, YamlFile, shown
 
+Aliases = dict[KeyPath, KeyPath]  # of an inherited value -> of the value it came from
 
-def resolve_like(file: YamlFile) -> tuple[Tree, YamlFile, list[Problem]]:
-    """Return the tree with every `like` filled in, the file with their places, and what is wrong with the names.
+
+def resolve_like(file: YamlFile) -> tuple[Tree, Aliases, list[Problem]]:
+    """Return the tree with every `like` filled in, where they were written, and what is wrong with the names.
 
     A mapping is merged key by key, except that a block of another `kind` replaces the inherited one; an empty value
     (null) removes what would be inherited. An inherited value stands where its original stands.
     """
-    file = replace(file, keys={**file.keys}, values={**file.values}, texts={**file.texts})
+    aliases: Aliases = {}
     problems: list[Problem] = []
     tree = file.tree
     if not isinstance(tree, dict) or not isinstance(tree.get("telescopes"), list):
-        return tree, file, problems
+        return tree, aliases, problems
     rows: list[Tree] = []
     known: dict[str, int] = {}
     for i, row in enumerate(tree["telescopes"]):  # type: ignore[arg-type]
-        if isinstance(row, dict) and row.get("like") is not None:
+        if i < MAX_TELESCOPES and isinstance(row, dict) and row.get("like") is not None:
             base = _find(row["like"], i, known, file, problems)
             if base is not None:
-                row = _merge(rows[base], row, ("telescopes", base), ("telescopes", i), file)
+                row = _merge(rows[base], row, ("telescopes", base), ("telescopes", i), aliases)
         rows.append(row)
         if isinstance(row, dict) and isinstance(row.get("name"), str):
             known.setdefault(str(row["name"]), i)
-    return {**tree, "telescopes": rows}, file, problems
+    return {**tree, "telescopes": rows}, aliases, problems
 
 
 def _find(wanted: Tree, index: int, known: dict[str, int], file: YamlFile, problems: list[Problem]) -> int | None:
@@ -49,7 +50,7 @@ def _listed(names: dict[str, int]) -> str:
     return ", ".join(shown(name, 40) for name in list(names)[:10]) or "none yet"
 
 
-def _merge(base: Tree, own: Tree, base_path: KeyPath, own_path: KeyPath, file: YamlFile) -> Tree:
+def _merge(base: Tree, own: Tree, base_path: KeyPath, own_path: KeyPath, aliases: Aliases) -> Tree:
     """`own` over `base`; the depth is bounded by the reader."""
     if not isinstance(base, dict) or not isinstance(own, dict):
         return own
@@ -61,15 +62,16 @@ def _merge(base: Tree, own: Tree, base_path: KeyPath, own_path: KeyPath, file: Y
             if key == "like":
                 continue
             merged[key] = base[key]
-            _copy_places((*base_path, key), (*own_path, key), file)
+            aliases[(*own_path, key)] = (*base_path, key)
         elif own[key] is not None or key not in base:
-            merged[key] = _merge(base.get(key), own[key], (*base_path, key), (*own_path, key), file)
+            merged[key] = _merge(base.get(key), own[key], (*base_path, key), (*own_path, key), aliases)
     return merged
 
 
-def _copy_places(source: KeyPath, target: KeyPath, file: YamlFile) -> None:
-    """Let an inherited value and everything below it stand where the original stands."""
-    tables: tuple[dict[KeyPath, Any], ...] = (file.keys, file.values, file.texts)
-    for table in tables:
-        found = {path: entry for path, entry in table.items() if path[: len(source)] == source}
-        table.update({target + path[len(source) :]: entry for path, entry in found.items()})
+def original(path: KeyPath, aliases: Aliases) -> KeyPath:
+    """Where an inherited value was written: the path with its inherited beginning replaced, as often as needed."""
+    for length in range(len(path), 0, -1):
+        source = aliases.get(path[:length])
+        if source is not None:
+            return original(source + path[length:], aliases)
+    return path

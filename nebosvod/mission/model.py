@@ -27,7 +27,7 @@ from nebosvod.mission.request import (
     internal_covariance,
 )
 from nebosvod.mission.target import Parameter, Target
-from nebosvod.mission.telescope import Telescope
+from nebosvod.mission.telescope import MAX_TELESCOPES, Telescope
 from nebosvod.timescale import Epoch
 
 SCHEMA_VERSION = 1
@@ -66,7 +66,7 @@ class Mission(Block):
     title: Text | None = None
     reference_epoch: When = Field(description="Epoch of the estimated state")
     object: Target
-    telescopes: Annotated[Several[Telescope], Field(min_length=1, max_length=100)]
+    telescopes: Annotated[Several[Telescope], Field(min_length=1, max_length=MAX_TELESCOPES)]
     schedule: Annotated[Several[Arc], Field(min_length=1, max_length=1000)]
     prior: PriorChoice = "none"
     estimators: Annotated[Several[Estimator], Field(min_length=1, max_length=100)] = (DEFAULT_ESTIMATOR,)

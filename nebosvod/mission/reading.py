@@ -18,8 +18,6 @@ from nebosvod.mission.inputs import resolve_files
 from nebosvod.mission.model import SCHEMA_VERSION, Mission
 from nebosvod.yamlfile import Mark, Problem, Tree, YamlFile, parse_yaml, read_text, shown
 
-MAX_PROBLEMS = 50
-
 
 def load_mission(path: str | Path) -> Mission:
     """Load a mission file, or a built-in mission by its name.
@@ -55,12 +53,12 @@ def _exists(path: Path) -> bool:
 
 def _load(file: YamlFile, path: Path | None) -> Mission:
     """Validate what was read."""
-    tree, file, problems = resolve_like(file)
+    tree, aliases, problems = resolve_like(file)
     if not isinstance(tree, dict):
         raise _refusal(file, [Problem(Mark(1, 1), "a mission is a block of keys, such as schema_version: 1")])
     _refuse_newer(file, tree)
     tree, found = resolve_files(tree, path.parent if path is not None else None)
-    explainer = Explainer(file, tree)
+    explainer = Explainer(file, tree, aliases)
     problems += [*file.problems, *(explainer.problem(*item) for item in (*found, *_repeated_names(tree, explainer)))]
     try:
         mission = Mission.model_validate(tree)
@@ -105,6 +103,6 @@ def _refusal(file: YamlFile, problems: list[Problem]) -> InputError:
     ordered = sorted(problems, key=lambda problem: problem.mark)
     once = {(p.mark, re.sub(r"\[\d+\]", "", p.text)): p for p in reversed(ordered)}  # inherited values: say it once
     lines = [f"{file.name}:{p.mark.line}:{p.mark.column}: {p.text}" for p in reversed(once.values())]
-    if len(lines) > MAX_PROBLEMS:
-        lines[MAX_PROBLEMS:] = [f"{file.name}: and {len(lines) - MAX_PROBLEMS} more"]
+    if len(lines) > rules.MAX_PROBLEMS:
+        lines[rules.MAX_PROBLEMS :] = [f"{file.name}: and more; correct these first"]
     return InputError("\n".join(lines))

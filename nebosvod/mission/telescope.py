@@ -20,6 +20,7 @@ from nebosvod.mission.fields import (
     Treatment,
 )
 
+MAX_TELESCOPES = 100
 Pair = tuple[float, float]
 
 

@@ -152,3 +152,42 @@ def test_mutated_missions_as_processes_end_without_a_signal(seed: int, tmp_path:
     for number, code, err in running:
         assert code in (0, 2), f"case {number}: {code}\n{err.decode('utf-8', 'replace')}"
         assert b"Traceback" not in err, f"case {number}"
+
+
+BASE = (ROOT / "scenarios" / "apophis-2029.yaml").read_text("utf-8")
+ROWS = range(8000)
+CHAIN = ["NEB-2", *(f"T{i}" for i in ROWS)]
+BLOB = "    blob: [" + "a," * 20000 + "]\n    limiting"
+NAMES = ",".join(f"NEB{i}" for i in range(40000))
+GROUPS = ",".join(f"bias {i}: fixed" for i in range(20000))
+HOSTILE = {
+    "24,000 unknown keys": BASE + "".join(f"cadenc{i}: 1\n" for i in range(24000)),
+    "24,000 duplicate keys": BASE + "name: x\n" * 24000,
+    "8,000 telescopes like one": BASE.replace(
+        "\nschedule:", "".join(f"  - {{name: T{i}, like: NEB-1}}\n" for i in ROWS) + "\nschedule:"
+    ),
+    "8,000 telescopes, each like the one before": BASE.replace(
+        "\nschedule:", "".join(f"  - {{name: T{i}, like: {CHAIN[i]}}}\n" for i in ROWS) + "\nschedule:"
+    ),
+    "98 telescopes inherit 20,000 values": BASE.replace("    limiting", BLOB).replace(
+        "\nschedule:", "".join(f"  - {{name: T{i}, like: NEB-1}}\n" for i in range(98)) + "\nschedule:"
+    ),
+    "40,000 unknown names": BASE.replace("telescopes: all", f"telescopes: [{NAMES}]"),
+    "20,000 unknown groups": BASE.replace(
+        "method: batch_qr}", f"method: batch_qr, treatment: {{{GROUPS}}}}}"
+    ),
+    "a name of 900,000 letters": BASE.replace("name: NEB-1\n", "name: " + "x" * 900_000 + "\n"),
+    "a number of 900,000 digits": BASE.replace("170 m", "1" * 900_000 + " m"),
+    "a matrix of 12,000 rows": BASE.replace("prior: none", "prior: {covariance: [" + "[1,2]," * 12000 + "]}"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("what", HOSTILE)
+def test_large_hostile_files_are_refused_in_bounded_time_with_few_lines(what: str, tmp_path: Path) -> None:
+    path = tmp_path / "m.yaml"
+    path.write_text(HOSTILE[what], "utf-8")
+    code, _, err, spent = check(path)
+    assert code == 2
+    assert len(err.splitlines()) <= 51
+    assert len(err) < 20_000
+    assert spent < LIMIT_S
