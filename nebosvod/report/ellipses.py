@@ -9,11 +9,12 @@ from markupsafe import Markup
 
 from nebosvod.report import wording
 from nebosvod.report.folder import Array, Item, RunFolder, slug
-from nebosvod.report.plate import BLUE, INK, VERMILION, Plate, figure, plate
+from nebosvod.report.plate import BLUE, GREY, INK, VERMILION, Plate, figure, plate
 from nebosvod.report.verdict import leading, unit_of
 from nebosvod.report.wording import NBSP, TIMES, number, percent, product, quantity
 
 SLENDER = 12.0  # axis ratio above which an ellipse at true scale is a line, and is drawn along its own axes instead
+NARROW, FLAT = 2.5, 4.5  # axis ratio above which names inside the ellipses would cross the outer ones
 LEVELS = ((1, "39.3"), (2, "86.5"), (3, "98.9"))  # 1 - exp(-lambda^2/2), per cent
 ANGLES = np.linspace(0.0, 2.0 * np.pi, 181)
 
@@ -38,14 +39,16 @@ def ellipse_plate(prediction: Item) -> Plate | None:
     factor, text = wording.scale_of(float(major), unit)
     sky = prediction["plane"] == "sky"
     slender = bool(minor * SLENDER < major)
+    upright = bool(K[1, 1] >= K[0, 0])
+    leaders = not slender and bool(minor * (NARROW if upright else FLAT) < major)
     turn = np.stack([vectors[:, 1], vectors[:, 0]]) if slender else np.eye(2)
     if slender and np.linalg.det(turn) < 0:
         turn[1] *= -1.0
     fig = figure(4.5, 3.2) if slender else figure(3.7, 3.5)
     axes = fig.subplots()
-    _draw(
-        axes, factor * factor * turn @ K @ turn.T, None if formal is None else factor * factor * turn @ formal @ turn.T
-    )
+    size = factor * factor
+    rotated = None if formal is None else size * turn @ formal @ turn.T
+    _draw(axes, size * turn @ K @ turn.T, rotated, leaders)
     _name_axes(axes, prediction, slender, text)
     if sky and not slender:
         axes.invert_xaxis()
@@ -69,19 +72,33 @@ def outline(K: Array, level: float) -> Array:
     return points
 
 
-def _draw(axes: Any, K: Array, formal: Array | None) -> None:
+def _draw(axes: Any, K: Array, formal: Array | None, leaders: bool) -> None:
     """Three true ellipses, filled ever lighter, and the formal ones dashed."""
     for level, inside in reversed(LEVELS):
         line = outline(K, level)
         axes.fill(*line.T, color=BLUE, alpha=0.12, lw=0)
         axes.plot(*line.T, color=BLUE, lw=1.5)
-        top = line[np.argmax(line[:, 1])]
-        above = {"xytext": (0, 2), "textcoords": "offset points", "ha": "center", "va": "bottom"}
-        axes.annotate(f"{level}σ, {inside}{NBSP}%", top, fontsize=8, color=INK, **above)
+        _label(axes, line, f"{level}σ, {inside}{NBSP}%", leaders)
         if formal is not None:
             axes.plot(*outline(formal, level).T, color=VERMILION, lw=1.1, ls=(0, (4, 2)))
     axes.plot(0, 0, "+", color=INK, ms=7, mew=1.0)
     axes.margins(0.08, 0.12)
+
+
+def _label(axes: Any, line: Array, text: str, leaders: bool) -> None:
+    """Name one ellipse: above it, or, where the ellipses lie too close for that, beside the picture with a leader."""
+    look = {"fontsize": 8, "color": INK}
+    top, right = line[np.argmax(line[:, 1])], line[np.argmax(line[:, 0])]
+    if not leaders:
+        axes.annotate(text, top, xytext=(0, 2), textcoords="offset points", ha="center", va="bottom", **look)
+        return
+    arrow = {"arrowstyle": "-", "lw": 0.5, "color": GREY, "shrinkA": 2.0, "shrinkB": 0.0}
+    if top[1] >= right[0]:
+        axes.annotate(text, top, xytext=(0.99, top[1]), textcoords=("axes fraction", "data"), ha="right", va="center",
+                      arrowprops=arrow, **look)  # fmt: skip
+    else:
+        axes.annotate(text, right, xytext=(right[0], 0.97), textcoords=("data", "axes fraction"), ha="right", va="top",
+                      rotation=90, arrowprops=arrow, **look)  # fmt: skip
 
 
 def _name_axes(axes: Any, prediction: Item, slender: bool, unit: str) -> None:

@@ -34,13 +34,13 @@ def _sigma_plate(run: RunFolder, name: str, t: Array, true: Array, formal: Array
         shown = usable
     if np.count_nonzero(shown) < 2:
         return None
-    fig = figure(5.8, 3.4)
+    fig = figure(5.2, 3.3, rows=2)
     upper, lower = fig.subplots(2, 1, sharex=True, height_ratios=(3.2, 1.0))
     days = t / SECONDS_PER_DAY
     upper.plot(days[shown], true[shown], color=BLUE, label="true: what the error really is")
     if formal is not None:
         upper.plot(
-            days[shown], formal[shown], color=VERMILION, ls=(0, (4, 2)), label="formal: what the filter believes"
+            days[shown], formal[shown], color=VERMILION, ls=(0, (4, 2)), label="formal: what the estimator reports"
         )
     log_axis(upper)
     upper.set_ylabel("position sigma, km")
@@ -86,8 +86,8 @@ def _sigma_caption(name: str, t: Array, true: Array, formal: Array | None, shown
             else Markup(" True over formal sigma is {} at its furthest from 1.").format(quantity(worst))
         )  # fmt: skip
     if first:
-        cut = quantity(UNDETERMINED_KM / 1.495978707e8)
-        text += Markup(" Before that it is above {}{}au or not defined, and not shown.").format(cut, NBSP)
+        cut = quantity(UNDETERMINED_KM / 1.495978707e8, "", 1)
+        text += Markup(" Earlier values, above {}{}au or undefined, are not shown.").format(cut, NBSP)
     return text
 
 
@@ -100,7 +100,7 @@ def residuals(run: RunFolder, estimator: Item) -> Plate | None:
     after = after / ARCSEC
     sigma = None if sigma is None else sigma / ARCSEC
     seen = [i for i in range(len(run.telescopes)) if np.any(index == i)]
-    fig = figure(5.8, 0.7 + 1.35 * len(seen))
+    fig = figure(5.2, 0.6 + 1.4 * len(seen), rows=len(seen), gap_in=0.27)
     panels = fig.subplots(len(seen), 2, sharex=True, sharey=True, squeeze=False)
     reach = float(np.nanmax(np.abs(after))) * 1.08 or 1.0
     unit, factor = ("mas", 1e3) if reach < 0.1 else ("arcsec", 1.0)
@@ -127,7 +127,8 @@ def _every_other(axes: Any) -> Any:
     locator = axes.xaxis.get_major_locator()
     ticks = list(locator.locs)
     texts = [axes.xaxis.get_major_formatter()(x, i) for i, x in enumerate(ticks)]
-    step = 2 if len(ticks) > 3 else 1
+    room = 3 if max(map(len, texts), default=0) <= 7 else 2
+    step = -(-len(ticks) // room) or 1
     kept = texts[::step]
     axes.xaxis.set_major_formatter(lambda _, i: kept[i] if i is not None and i < len(kept) else "")
     return type(locator)(ticks[::step])
@@ -173,12 +174,12 @@ def noise_to_nuisance(run: RunFolder) -> Plate | None:
     """Noise-to-nuisance ratio of each measurement, dB."""
     block = run.summary.get("noise_to_nuisance") or {}
     eta, t, index = block.get("eta_db"), run.array("epoch_s"), run.array("telescope_index")
-    if not eta or t is None or index is None or len(eta) != len(t) or len(t) < 2:
+    if not eta or t is None or index is None or len(eta) != len(t) or np.ptp(t) == 0.0:
         return None
     values = np.array([v if finite(v) else np.nan for v in eta])
     if not np.any(np.isfinite(values)):
         return None
-    fig = figure(5.8, 2.5)
+    fig = figure(5.2, 2.4)
     axes = fig.subplots()
     for i, name in enumerate(run.telescopes):
         mine = np.flatnonzero(index == i)

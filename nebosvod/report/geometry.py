@@ -23,7 +23,7 @@ def plan_view(run: RunFolder) -> Plate | None:
     earth, state, index = run.array("earth_position_km"), run.array("state"), run.array("telescope_index")
     if arc is None or place is None or earth is None or state is None or index is None or not len(place):
         return None
-    fig = figure(4.5, 4.6)
+    fig = figure(4.5, 4.7, bottom_in=0.98)
     axes = fig.subplots()
     _draw_tracks(axes, arc, earth, state)
     remote = [i for i in range(len(run.telescopes)) if _is_remote(place, earth, index == i)]
@@ -38,7 +38,7 @@ def plan_view(run: RunFolder) -> Plate | None:
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_xlabel("towards the equinox, au")
     axes.set_ylabel("90° ahead in the ecliptic, au")
-    fig.legend(loc="outside lower center", ncols=4, handlelength=1.4, columnspacing=1.2)
+    fig.legend(loc="lower center", ncols=4, handlelength=1.4, columnspacing=1.2)
     return plate(
         fig,
         "geometry",
@@ -91,13 +91,13 @@ def _plan_caption(run: RunFolder, arc: Array, place: Array, earth: Array, state:
 def viewing(run: RunFolder) -> Plate | None:
     """Distance and Sun angle of the asteroid at each measurement, by telescope."""
     place, state, index, t = (run.array(n) for n in ("telescope_position_km", "state", "telescope_index", "epoch_s"))
-    if place is None or state is None or index is None or t is None or len(t) < 2:
+    if place is None or state is None or index is None or t is None or np.ptp(t if len(t) else [0.0]) == 0.0:
         return None
     look = state[:, :3] - place
     distance = np.linalg.norm(look, axis=1)
     cosine = -np.sum(look * place, axis=1) / distance / np.linalg.norm(place, axis=1)
     angle = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
-    fig = figure(4.5, 4.0)
+    fig = figure(4.5, 4.0, rows=2)
     upper, lower = fig.subplots(2, 1, sharex=True)
     for i, name in enumerate(run.telescopes):
         mine = np.flatnonzero(index == i)
@@ -117,7 +117,7 @@ def viewing(run: RunFolder) -> Plate | None:
         )
         lower.plot(t[mine][few] / SECONDS_PER_DAY, angle[mine][few], marker, ms=size, mew=0, color=colour)
     upper.set_ylabel("distance, au")
-    upper.set_ylim(0, None)
+    upper.set_ylim(0, 1.08 * float(distance.max()) / AU_KM)
     upper.legend(loc="best", markerscale=2, handletextpad=0.2)
     lower.set_ylabel("angle from the Sun, °")
     time_axis(lower, run.epoch, t)

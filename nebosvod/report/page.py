@@ -19,6 +19,7 @@ from nebosvod.report.verdict import (
     position_shares,
     size,
     verdict,
+    warnings,
 )
 from nebosvod.report.wording import percent, quantity
 
@@ -56,6 +57,7 @@ def make_report(folder: Path) -> str:
         words=words,
         main=main,
         tiles=_tiles(run, main),
+        warnings=warnings(run),
         plates=_plates(run, main),
         tables=_tables(run, main),
         kappa=physical.kappa_sentence(run, main) if main else None,

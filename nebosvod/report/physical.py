@@ -89,7 +89,7 @@ def kappa_sentence(run: RunFolder, estimator: Item) -> Markup | None:
     )
     listed = wording.join([wording.parameter_name(key)[0] for key in free])
     return Markup(
-        "The track feels {} only through one combination, <span class='nowrap'>κ = (πR²/m)(1 + "
+        "The orbit depends on {} only through <span class='nowrap'>κ = (πR²/m)(1 + "
         "4A/9 + f(1 − A))</span>. Its relative sigma is {} before and {} after the fit: {}. What "
         "each of them gains on its own is what κ tells together with the priors of the others."
     ).format(listed, percent(before), percent(after), said)

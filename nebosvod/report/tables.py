@@ -107,12 +107,11 @@ def prediction_table(run: RunFolder, estimator: Item) -> Table | None:
         rows.append((
             what, ", ".join(wording.axis_names(p["plane"], len(axes))), series(sigma, unit) if sigma else DASH,
             series(far, unit) if far else DASH, product(axes, unit), quantity(p.get("angle_deg"), "deg"),
-            percent(p["probability"]) if finite(p.get("probability")) else DASH,
         ))  # fmt: skip
     if not rows:
         return None
     return Table(
-        caption=Markup("Predictions, estimator “{}”").format(estimator["name"]),
+        caption=Markup("Predictions, estimator “{}”. {}").format(estimator["name"], _inside(run, estimator)),
         head=(
             "prediction",
             "components",
@@ -120,11 +119,17 @@ def prediction_table(run: RunFolder, estimator: Item) -> Table | None:
             "largest deviation (3σ)",
             "semi-axes (1σ)",
             Markup("angle of<br>long axis"),
-            Markup("probability<br>inside 1σ"),
         ),
-        align="llrrrrr",
+        align="llrrrr",
         rows=tuple(rows),
     )
+
+
+def _inside(run: RunFolder, estimator: Item) -> Markup:
+    """How much of the probability the 1 sigma ellipsoid holds, by dimension."""
+    held = {len(p[f"semi_axes_{unit_of(p)}"]): p["probability"] for p in run.predictions(estimator["name"])}
+    parts = [Markup("{} in {} dimension{}").format(percent(held[n]), n, "" if n == 1 else "s") for n in sorted(held)]
+    return Markup("The 1σ semi-axes hold {} of the probability.").format(wording.join(parts))
 
 
 def prediction_comparison(run: RunFolder) -> Table | None:
@@ -303,10 +308,14 @@ def flat(value: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]
         elif isinstance(item, list):
             yield name, ", ".join(str(part) for part in item)
         else:
-            yield (
-                name,
-                {True: "on", False: "off", None: DASH}.get(item, str(item)) if not isinstance(item, str) else item,
-            )
+            yield name, plain(item)
+
+
+def plain(value: object) -> str:
+    """A value of a JSON file as text."""
+    if value is None or isinstance(value, bool):
+        return DASH if value is None else "on" if value else "off"
+    return f"{value:.12g}" if isinstance(value, float) else str(value)
 
 
 def mission_text(run: RunFolder) -> str:

@@ -35,9 +35,10 @@ def verdict(run: RunFolder) -> Verdict:
     main = run.main
     if main is None:
         return Verdict(headline=_no_answer(run), sentences=tuple(_failures(run)), tone="bad")
-    trust, honest = _trust(run, main)
+    trust, honest = _trust(main)
     fit, fits = _fit(main)
-    sentences = [_orbit(run, main), *_predictions(run, main), *_blame(run, main), trust, fit, *_failures(run)]
+    others = [_trust(e)[0] for e in run.estimators if _misleads(e) and e is not main]
+    sentences = [_orbit(run, main), *_predictions(run, main), *_blame(run, main), trust, *others, fit, *_failures(run)]
     agreement = _agreement(run, main)
     every = all(e["status"] == "converged" for e in run.estimators)
     return Verdict(
@@ -198,12 +199,18 @@ def _blame(run: RunFolder, main: Item) -> list[Markup]:
     return [Markup("{}.").format(text)]
 
 
-def _trust(run: RunFolder, main: Item) -> tuple[Markup | None, bool]:
+def _misleads(estimator: Item) -> bool:
+    """True for an estimator whose formal position sigma is not the true one."""
+    ratio = formal_ratio(estimator)
+    return ratio is not None and abs(ratio - 1.0) >= AGREE
+
+
+def _trust(main: Item) -> tuple[Markup | None, bool]:
     """Whether the estimator's own sigma is the true one, and why not."""
     ratio = formal_ratio(main)
     if ratio is None:
         return None, True
-    if abs(ratio - 1.0) < AGREE:
+    if not _misleads(main):
         text = Markup(
             "The sigma that the estimator “{}” reports can be believed under the mission's error "
             "model: true over formal is {}."
@@ -278,7 +285,10 @@ def _failures(run: RunFolder) -> list[Markup]:
         if weak:
             heavy = sorted(weak.items(), key=lambda item: (-abs(item[1]), item[0]))[:4]
             text += Markup("; the worst determined combination is {}").format(
-                join(Markup("{} ({})").format(name, wording.number(weight)) for name, weight in heavy)
+                join(
+                    Markup("{} ({})").format(wording.parameter_name(name)[0], wording.number(weight, 2))
+                    for name, weight in heavy
+                )
             )
         sentences.append(Markup("{}.").format(text))
     return sentences
@@ -291,7 +301,13 @@ def _no_answer(run: RunFolder) -> Markup:
         return Markup("No accuracy can be stated: {}.").format(
             "the run has no estimate" if run.summary["n_observations"] else "no measurement was possible"
         )
-    return Markup("No accuracy can be stated: the estimate {}.").format(join(kinds))
+    return Markup("No accuracy can be stated: the estimate {}.").format(join(kinds, last="or"))
+
+
+def warnings(run: RunFolder) -> list[str]:
+    """The warnings of a run, without those that only repeat why an estimator failed."""
+    said = {f"{e['name']}: {e.get('message')}" for e in run.estimators if e["status"] != "converged"}
+    return [text for text in run.summary.get("warnings") or [] if text not in said]
 
 
 def _capital(text: str | Markup) -> Markup:

@@ -32,9 +32,9 @@ PLANES: dict[str, tuple[str, tuple[str, ...]]] = {
     "sky": ("plane of the sky", ("RA cos Dec", "Dec")),
     "b_plane": ("b-plane", ("ξ", "ζ")),
     "mtp": ("target plane at closest approach", ("ξ", "ζ")),
-    "rtn": ("position, radial-transverse-normal", ("radial", "transverse", "normal")),
-    "rtn_velocity": ("velocity, radial-transverse-normal", ("radial", "transverse", "normal")),
-    "position": ("heliocentric position, ICRF", ("x", "y", "z")),
+    "rtn": ("position (radial, transverse, normal)", ("radial", "transverse", "normal")),
+    "rtn_velocity": ("velocity (radial, transverse, normal)", ("radial", "transverse", "normal")),
+    "position": ("heliocentric position (ICRF)", ("x", "y", "z")),
     "perigee_distance": ("closest-approach distance", ("distance",)),
 }
 PARAMETERS = {
@@ -58,7 +58,7 @@ REMOVED = {
 STATUS = {
     "converged": "converged",
     "iteration_limit": "stopped at the iteration limit",
-    "not_observable": "is not observable",
+    "not_observable": "is not determined by the measurements",
     "diverged": "diverged",
 }
 METHODS = {
@@ -170,7 +170,7 @@ def join(parts: Iterable[str | Markup], last: str = "and") -> Markup:
 
 def count(n: int, noun: str) -> str:
     """`1 measurement`, `578 measurements`."""
-    return f"{n:,}".replace(",", THIN) + NBSP + noun + ("" if n == 1 else "s")
+    return (f"{n:,}".replace(",", THIN) if n > 9999 else str(n)) + NBSP + noun + ("" if n == 1 else "s")
 
 
 def date(epoch: str) -> Markup:
