@@ -3,6 +3,7 @@
 from nebosvod.estimation import (
     batch,
     budget,
+    combined,
     consider,
     consistency,
     ellipse,
