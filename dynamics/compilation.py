@@ -40,3 +40,14 @@ def kernel(function: Function) -> Function:
         index._source_stamp = (index._source_stamp, _DIGEST)
     result: Function = compiled
     return result
+
+
+def is_compiled(function: Callable[..., Any]) -> bool:
+    """Whether a kernel can run without compiling: used in this process, or kept on disk for these sources.
+
+    True as well where that cannot be told (compilation switched off, another version of numba).
+    """
+    if getattr(function, "signatures", True):
+        return True
+    index: Any = getattr(getattr(function, "_cache", None), "_cache_file", None)
+    return not hasattr(index, "_load_index") or bool(index._load_index())

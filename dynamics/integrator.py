@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from nebosvod.dynamics.chebyshev import bodies_at, major_velocities_at, velocity_at
 from nebosvod.dynamics.collocation import A_FLAT, AA_FLAT, BARYCENTRIC, LAST_ROW, NODES, POSITION_WEIGHTS, WEIGHTS
-from nebosvod.dynamics.compilation import kernel
+from nebosvod.dynamics.compilation import is_compiled, kernel
 from nebosvod.dynamics.forces import (
     earth_pole,
     expand,
@@ -439,3 +439,8 @@ def integrate(
         growth = 2.0 if error == 0.0 else 0.9 * (limit / error) ** (1.0 / 7.0)
         h = sign * min(LARGEST_STEP_S, abs(h) * min(2.0, max(0.3, growth)))
     return OK, resized(steps, taken, taken, count)
+
+
+def is_compiled_cache_present() -> bool:
+    """Whether `integrate` will start at once; if not, its first call compiles for some 25 s (a program may say so)."""
+    return is_compiled(integrate)

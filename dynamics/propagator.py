@@ -68,9 +68,12 @@ def propagate(
                 8, barycentric, end_s, window.coefficients, window.layout, window.timing, physics,
                 columns, sensitivities, float(tolerance),
             )  # fmt: skip
-            if status != integrator.OK:
-                raise _stalled(forces.ephemeris, epoch, steps, end_s, start)
             legs[leg] = steps
+            if status != integrator.OK:
+                if len(steps.start):
+                    stub = join(legs[0], legs[1], window, 6 + len(columns) if sensitivities else 0)
+                    require_no_impact(make_trajectory(epoch, [0.0], forces, stub, chain, False), stub.steps.tide)
+                raise _stalled(forces.ephemeris, epoch, steps, end_s, start)
     table = join(legs[0], legs[1], window, 6 + len(columns) if sensitivities else 0)
     trajectory = make_trajectory(epoch, times, forces, table, chain, sensitivities)
     if table.steps.tide.max() > IMPACT_TIDE:

@@ -1,0 +1,100 @@
+"""The force model: what it accepts, and how parameters map to kernel columns."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from nebosvod.dynamics import Ephemeris, ForceModel, Nongrav, RadiationPressure
+from nebosvod.errors import InputError
+
+BALL = RadiationPressure(radius_m=170.0, mass_kg=6.1e10, albedo=0.159)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"parameters": ("colour",)}, 'unknown dynamic parameter "colour"; known: radius_m'),
+        ({"parameters": ("radius_m",)}, "radius_m needs radiation pressure, which is off"),
+        ({"parameters": ("a2_au_d2",)}, "a2_au_d2 needs non-gravitational acceleration, which is off"),
+        ({"parameters": ("mass_kg", "mass_kg"), "radiation": BALL}, "repeat"),
+        ({"relativity": "general"}, "none, sun, eih"),
+    ],
+)
+def test_wrong_models_are_refused(ephemeris: Ephemeris, options: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        ForceModel(ephemeris=ephemeris, **options)
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"radius_m": 0.0},
+        {"mass_kg": -1.0},
+        {"albedo": 1.1},
+        {"albedo": -0.1},
+        {"thermal_emission": 0.5},
+        {"radius_m": np.inf},
+        {"albedo": np.nan},
+    ],
+)
+def test_impossible_spheres_are_refused(values: dict[str, float]) -> None:
+    with pytest.raises(InputError, match=next(iter(values))):
+        RadiationPressure(**{"radius_m": 1.0, "mass_kg": 1.0, "albedo": 0.1, **values})
+
+
+def test_nongrav_must_be_finite() -> None:
+    with pytest.raises(InputError, match="a2_au_d2"):
+        Nongrav(a2_au_d2=float("nan"))
+
+
+def test_kappa_of_apophis() -> None:
+    """pi 170^2/6.1e10 (1 + 4 0.159/9), by hand: 1.5936e-6 m^2/kg; as A1 at 1 au 3.6e-13 au/d^2 (from the design)."""
+    from nebosvod.dynamics.constants import AU_D2_KM_S2, AU_KM, RADIATION_KM3_S2_PER_M2_KG
+
+    assert BALL.kappa_m2_kg == pytest.approx(1.5936e-6, rel=1e-4)
+    a1 = RADIATION_KM3_S2_PER_M2_KG * BALL.kappa_m2_kg / AU_KM**2 / AU_D2_KM_S2
+    assert a1 == pytest.approx(3.6e-13, rel=0.02)
+
+
+def test_albedo_drops_out_of_a_fully_re_emitting_sphere() -> None:
+    hot = RadiationPressure(radius_m=170.0, mass_kg=6.1e10, albedo=0.159, thermal_emission=4.0 / 9.0)
+    assert hot.kappa_partials()["albedo"] == pytest.approx(0.0, abs=1e-25)
+
+
+def test_kappa_partials_are_derivatives() -> None:
+    """1e-8 relative: central differences of 0.01 %."""
+    ball = RadiationPressure(radius_m=170.0, mass_kg=6.1e10, albedo=0.159, thermal_emission=0.2)
+    values = {name: getattr(ball, name) for name in ball.kappa_partials()}
+    for name, partial in ball.kappa_partials().items():
+        step = 1e-4 * values[name]
+        ahead, behind = (RadiationPressure(**{**values, name: values[name] + s * step}) for s in (1, -1))
+        assert (ahead.kappa_m2_kg - behind.kappa_m2_kg) / (2 * step) == pytest.approx(partial, rel=3e-8)
+
+
+def test_columns_serve_parameters_in_any_order(ephemeris: Ephemeris) -> None:
+    names = ("a2_au_d2", "albedo", "radius_m", "a1_au_d2")
+    model = ForceModel(ephemeris=ephemeris, radiation=BALL, nongrav=Nongrav(), parameters=names)
+    columns, chain = model.columns()
+    partials = BALL.kappa_partials()
+    assert columns.tolist() == [0, 1, 2]
+    assert chain[0].tolist() == [0.0, partials["albedo"], partials["radius_m"], 0.0]
+    assert chain[1].tolist() == [0.0, 0.0, 0.0, 1.0]
+    assert chain[2].tolist() == [1.0, 0.0, 0.0, 0.0]
+
+
+def test_values_move_and_the_original_stays(ephemeris: Ephemeris) -> None:
+    model = ForceModel(
+        ephemeris=ephemeris,
+        radiation=BALL,
+        nongrav=Nongrav(a2_au_d2=-3e-14),
+        relativity="eih",
+        sun_oblateness=False,
+        parameters=("radius_m", "a2_au_d2"),
+    )
+    moved = model.with_values({"radius_m": 171.0, "a2_au_d2": -2e-14})
+    assert moved.values.tolist() == [171.0, -2e-14]
+    assert model.values.tolist() == [170.0, -3e-14]
+    assert (moved.relativity, moved.sun_oblateness, moved.parameters) == ("eih", False, model.parameters)
+    with pytest.raises(InputError, match="unknown dynamic parameter"):
+        model.with_values({"radius": 1.0})

@@ -1,0 +1,327 @@
+"""The integrator: against another integrator, against shadow orbits, against its own symmetries."""
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+
+from nebosvod.dynamics import Ephemeris, ForceModel, integrator, propagate
+from nebosvod.dynamics.constants import DAY_S
+from nebosvod.dynamics.frames import R_icrf_from_ecliptic
+from nebosvod.dynamics.twobody import kepler
+from nebosvod.errors import CoverageError, EventError, InputError
+from nebosvod.timescale import Epoch
+
+Array = np.ndarray
+YEAR_S = 365.25 * DAY_S
+# Typical size of an error of each component that means the same displacement within a year
+WEIGHT = np.array([1.0, 1.0, 1.0, 1e7, 1e7, 1e7])
+Neo = tuple[Epoch, Array]
+
+
+@pytest.fixture(scope="module")
+def newton(ephemeris: Ephemeris) -> ForceModel:
+    """Point masses only."""
+    return ForceModel(ephemeris=ephemeris, relativity="none", earth_oblateness=False, sun_oblateness=False)
+
+
+def dop853(start: Array, epoch: Epoch, end_s: float, forces: ForceModel) -> tuple[Array, Array]:
+    """State and partials (6, 6 + q) at end_s by scipy's Dormand-Prince 8(5,3), with the same forces in one lane."""
+    columns, _ = forces.columns()
+    count = 6 + len(columns)
+    physics = forces.physics(epoch)
+    window = forces.ephemeris.window(epoch, min(0.0, end_s), max(0.0, end_s), asteroids=forces.asteroids)
+    w = integrator.make_work(window.layout.shape[0], 0)
+    sun = forces.ephemeris.state_km_km_s("sun", epoch, [0.0, end_s])
+    jacobian_x, jacobian_v, by_parameters = (np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, len(columns))))
+
+    def rates(t: float, y: Array) -> Array:
+        integrator.read_ephemeris(1, t, 0.0, w, physics, window.coefficients, window.layout, window.timing)
+        w.X[::8], w.V[::8] = y[:3], y[3:6]
+        acceleration = np.zeros(24)
+        integrator.acceleration(1, w, physics, acceleration)
+        integrator.jacobian(1, w, physics)
+        jacobian_x[:], jacobian_v[:] = w.G[::8].reshape(3, 3), w.K[::8].reshape(3, 3)
+        by_parameters[:] = w.F.reshape(4, 3, 8)[columns, :, 0].T
+        M = y[6:].reshape(6, count)
+        slope = jacobian_x @ M[:3] + jacobian_v @ M[3:]
+        slope[:, 6:] += by_parameters
+        return np.concatenate([y[3:6], acceleration[::8], M[3:].ravel(), slope.ravel()])
+
+    first = np.concatenate([start + sun[0], np.eye(6, count).ravel()])
+    size = np.concatenate([np.abs(first[:6]) + 1.0, np.ones(6 * count)])
+    solution = solve_ivp(rates, (0.0, end_s), first, method="DOP853", rtol=1e-13, atol=1e-13 * size)
+    assert solution.success
+    last = solution.y[:, -1]
+    return last[:6] - sun[1], last[6:].reshape(6, count)
+
+
+def test_state_and_partials_agree_with_an_independent_integrator(full_forces: ForceModel, neo: Neo) -> None:
+    """0.1 m and 1e-9 of each column: what DOP853 reaches at rtol 1e-13 over 100 days."""
+    epoch, start = neo
+    state, partials = dop853(start, epoch, 100 * DAY_S, full_forces)
+    ours = propagate(start, epoch, [100 * DAY_S], full_forces)
+    assert np.abs((ours.state[0] - state) * WEIGHT).max() < 1e-4
+    _, chain = full_forces.columns()
+    theirs = np.hstack([partials[:, :6], partials[:, 6:] @ chain])
+    both = np.hstack([ours.Phi[0], ours.zeta[0]])
+    error = np.abs((both - theirs) * WEIGHT[:, None]).max(axis=0) / np.abs(theirs * WEIGHT[:, None]).max(axis=0)
+    assert error.max() < 1e-9
+
+
+@pytest.mark.parametrize("relativity", ["none", "sun", "eih"])
+def test_every_relativity_agrees_with_the_independent_integrator(
+    ephemeris: Ephemeris, neo: Neo, relativity: Any
+) -> None:
+    epoch, start = neo
+    forces = ForceModel(ephemeris=ephemeris, relativity=relativity)
+    state, partials = dop853(start, epoch, -40 * DAY_S, forces)
+    ours = propagate(start, epoch, [-40 * DAY_S], forces)
+    assert np.abs((ours.state[0] - state) * WEIGHT).max() < 1e-4
+    assert np.abs((ours.Phi[0] - partials) * WEIGHT[:, None] / WEIGHT).max() < 1e-8
+
+
+def test_transition_matrix_follows_shadow_orbits(full_forces: ForceModel, neo: Neo) -> None:
+    """1e-7 of each column: orbits displaced by 100 km and 1e-5 km/s on both sides; their curvature is 1e-12."""
+    epoch, start = neo
+    times = np.array([-50.0, 30.0, 365.25]) * DAY_S
+    middle = propagate(start, epoch, times, full_forces)
+    for column in range(6):
+        step = np.zeros(6)
+        step[column] = 100.0 if column < 3 else 1e-5
+        ahead, behind = (propagate(start + s * step, epoch, times, full_forces, False).state for s in (1.0, -1.0))
+        difference = (ahead - behind) / (2.0 * step[column])
+        error = np.abs((difference - middle.Phi[:, :, column]) * WEIGHT).max()
+        assert error < 1e-7 * np.abs(difference * WEIGHT).max(), column
+
+
+def test_sensitivities_follow_finite_differences_of_the_parameters(full_forces: ForceModel, neo: Neo) -> None:
+    """1e-6 of each column: central differences of a body light enough to be moved by 1000 km."""
+    epoch, start = neo
+    times = np.array([-100.0, 400.0]) * DAY_S
+    light = full_forces.with_values({"mass_kg": 6.1e7, "a1_au_d2": 1e-9, "a2_au_d2": -3e-11, "a3_au_d2": 2e-11})
+    middle = propagate(start, epoch, times, light)
+    for column, (name, value) in enumerate(zip(light.parameters, light.values)):
+        step = 3e-4 * value if name == "mass_kg" else 0.02 * value  # the inverse of the mass is the only curved one
+        ahead, behind = (
+            propagate(start, epoch, times, light.with_values({name: value + s * step}), False).state
+            for s in (1.0, -1.0)
+        )
+        difference = (ahead - behind) / (2.0 * step)
+        error = np.abs((difference - middle.zeta[:, :, column]) * WEIGHT).max()
+        assert error < 1e-6 * np.abs(difference * WEIGHT).max(), name
+
+
+def test_transitions_chain(full_forces: ForceModel, neo: Neo) -> None:
+    """1e-10: Phi(t2, t1) Phi(t1, t0) = Phi(t2, t0), in scaled units."""
+    epoch, start = neo
+    whole = propagate(start, epoch, [150 * DAY_S, 365.25 * DAY_S], full_forces)
+    second = propagate(whole.state[0], epoch + 150 * DAY_S, [215.25 * DAY_S], full_forces)
+    product = second.Phi[0] @ whole.Phi[0]
+    size = np.abs(whole.Phi[1] * WEIGHT[:, None] / WEIGHT).max()
+    assert np.abs((product - whole.Phi[1]) * WEIGHT[:, None] / WEIGHT).max() < 1e-10 * size
+
+
+def test_there_and_back_ends_where_it_began(full_forces: ForceModel, neo: Neo) -> None:
+    """1 cm after a year each way."""
+    epoch, start = neo
+    there = propagate(start, epoch, [YEAR_S], full_forces, False).state[0]
+    back = propagate(there, epoch + YEAR_S, [-YEAR_S], full_forces, False).state[0]
+    assert np.linalg.norm(back[:3] - start[:3]) < 1e-5
+
+
+@pytest.mark.parametrize("days", [-200.0, 365.25])
+def test_point_masses_keep_the_symplectic_form_and_the_volume(newton: ForceModel, neo: Neo, days: float) -> None:
+    """1e-10 in units of 1 au and a mean motion of a year."""
+    epoch, start = neo
+    Phi = propagate(start, epoch, [days * DAY_S], newton).Phi[0]
+    units = np.array([1.0, 1.0, 1.0, 2e-7, 2e-7, 2e-7])
+    scaled = Phi / units[:, None] * units
+    J = np.block([[np.zeros((3, 3)), np.eye(3)], [-np.eye(3), np.zeros((3, 3))]])
+    size = np.abs(scaled).max() ** 2
+    assert np.abs(scaled.T @ J @ scaled - J).max() < 1e-10 * size
+    assert np.linalg.det(scaled) == pytest.approx(1.0, abs=1e-10)
+
+
+def test_relativity_changes_the_volume_as_its_divergence_says(ephemeris: Ephemeris, neo: Neo) -> None:
+    """1e-12: ln det Phi = 14 GM/c^2 (1/r0 - 1/r1) for the Schwarzschild term, itself 3e-8."""
+    epoch, start = neo
+    forces = ForceModel(ephemeris=ephemeris, relativity="sun")
+    end = propagate(start, epoch, [120 * DAY_S], forces)
+    gm, c = ephemeris.gm_km3_s2["sun"], ephemeris.scalars["speed_of_light_km_s"]
+    units = np.array([1.0, 1.0, 1.0, 2e-7, 2e-7, 2e-7])
+    sign, logarithm = np.linalg.slogdet(end.Phi[0] / units[:, None] * units)
+    r0, r1 = np.linalg.norm(start[:3]), np.linalg.norm(end.state[0, :3])
+    wanted = 14.0 * gm / c**2 * (1.0 / r0 - 1.0 / r1)
+    assert sign == 1.0
+    assert abs(wanted) > 1e-8
+    assert logarithm == pytest.approx(wanted, abs=2e-11)
+
+
+def test_two_bodies_keep_their_energy(ephemeris: Ephemeris, neo: Neo) -> None:
+    """1e-12 of the energy over 30 days, after the Sun's own acceleration (by the planets) is taken out.
+
+    With every other mass at zero the asteroid is drawn by the Sun alone, whose motion is that of the file: relative to
+    the Sun an inertial force of at most 1e-9 km/s^2 remains, whose work is integrated along the orbit.
+    """
+    epoch, start = neo
+    gm = {body: (value if body == "sun" else 0.0) for body, value in ephemeris.gm_km3_s2.items()}
+    alone = dataclasses.replace(ephemeris, gm_km3_s2=gm)
+    forces = ForceModel(
+        ephemeris=alone, asteroids=False, relativity="none", earth_oblateness=False, sun_oblateness=False
+    )
+    times = np.linspace(0.0, 30 * DAY_S, 3001)
+    state = propagate(start, epoch, times, forces, False).state
+    energy = 0.5 * np.einsum("ij,ij->i", state[:, 3:], state[:, 3:]) - gm["sun"] / np.linalg.norm(state[:, :3], axis=1)
+    sun = ephemeris.state_km_km_s("sun", epoch, np.append(times - 60.0, times + 60.0))[:, 3:]
+    inertial = -(sun[3001:] - sun[:3001]) / 120.0
+    power = np.einsum("ij,ij->i", inertial, state[:, 3:])
+    work = np.trapezoid(power, times)
+    assert abs(work) > 1e-8 * abs(energy[0])
+    assert energy[-1] - energy[0] == pytest.approx(work, abs=1e-12 * abs(energy[0]))
+
+
+@settings(max_examples=8, deadline=None)
+@given(shift=st.floats(-300.0, 300.0))
+def test_the_origin_of_time_does_not_matter(ephemeris: Ephemeris, shift: float) -> None:
+    """1 cm: the same arc counted from another epoch, both legs of it integrated."""
+    epoch = Epoch.parse("2025-03-01T00:00:00 TDB")
+    start = np.array([-83626000.0, 128056000.0, 45477000.0, -23.93, -10.4, -4.47])
+    forces = ForceModel(ephemeris=ephemeris)
+    direct = propagate(start, epoch, [100 * DAY_S], forces, False).state[0]
+    moved = propagate(start, epoch, [shift * DAY_S], forces, False).state[0]
+    again = propagate(moved, epoch + shift * DAY_S, [(100.0 - shift) * DAY_S], forces, False).state[0]
+    assert np.linalg.norm(again[:3] - direct[:3]) < 1e-5 * (1.0 + abs(shift) / 30.0)
+
+
+def test_tolerances_converge_on_one_orbit(full_forces: ForceModel, neo: Neo) -> None:
+    """1 cm after three years between tolerances two orders apart."""
+    epoch, start = neo
+    coarse, fine = (
+        propagate(start, epoch, [3 * YEAR_S], full_forces, False, tolerance=t).state[0] for t in (1e-11, 1e-13)
+    )
+    assert np.linalg.norm(coarse[:3] - fine[:3]) < 1e-5
+
+
+def test_times_come_back_in_the_order_asked(full_forces: ForceModel, neo: Neo) -> None:
+    epoch, start = neo
+    times = np.array([5.0, -3.0, 0.0, 2.0, 2.0]) * DAY_S
+    mixed = propagate(start, epoch, times, full_forces)
+    assert np.array_equal(mixed.t_s, times)
+    assert np.array_equal(mixed.state[3], mixed.state[4])
+    assert np.abs(mixed.state[2] - start)[:3].max() < 1e-6  # km; heliocentric to barycentric and back
+    assert np.abs(mixed.Phi[2] - np.eye(6)).max() == 0.0
+    assert not mixed.zeta[2].any()
+    for k in range(5):
+        single = propagate(start, epoch, times[k : k + 1], full_forces)
+        assert np.abs((single.state[0] - mixed.state[k]) * WEIGHT).max() < 1e-6
+
+
+def test_single_moment_needs_no_integration_span(full_forces: ForceModel, neo: Neo) -> None:
+    epoch, start = neo
+    here = propagate(start, epoch, [0.0], full_forces, margin_s=0.0)
+    assert np.abs(here.state[0] - start)[:3].max() < 1e-6
+
+
+def test_state_only_and_full_runs_give_the_same_states(full_forces: ForceModel, neo: Neo) -> None:
+    epoch, start = neo
+    a = propagate(start, epoch, [100 * DAY_S], full_forces)
+    b = propagate(start, epoch, [100 * DAY_S], full_forces, False)
+    assert np.array_equal(a.state, b.state)
+    with pytest.raises(InputError, match="without sensitivities"):
+        _ = b.Phi
+
+
+def test_light_time_before_the_first_time_is_covered(full_forces: ForceModel, neo: Neo) -> None:
+    epoch, start = neo
+    ahead = propagate(start, epoch, [0.0, 10 * DAY_S], full_forces)
+    assert ahead.span_s[0] <= -500.0
+    assert ahead.at([-499.0]).state.shape == (1, 6)
+
+
+def test_epoch_at_the_edge_of_the_ephemeris_works(neo: Neo) -> None:
+    from nebosvod.dynamics.ephemeris import DATA
+
+    excerpt = Ephemeris.load(DATA / "de440_1990_2060.bsp", DATA / "sb441_n16_1990_2060.bsp")
+    first, last = excerpt.span
+    forces = ForceModel(ephemeris=excerpt)
+    assert propagate(neo[1], first, [0.0, DAY_S], forces).span_s[0] == 0.0
+    assert propagate(neo[1], last, [0.0], forces).state.shape == (1, 6)
+    with pytest.raises(CoverageError, match="2060-01-01"):
+        propagate(neo[1], last, [DAY_S], forces)
+
+
+@pytest.mark.parametrize(
+    ("state", "times", "message"),
+    [
+        ([1.0, 2.0, 3.0], [0.0], "six finite numbers"),
+        ([np.nan] * 6, [0.0], "six finite numbers"),
+        (None, [np.inf], "finite seconds"),
+        (None, [], "n > 0"),
+        (None, [[0.0]], "shape"),
+    ],
+)
+def test_wrong_input_is_refused(full_forces: ForceModel, neo: Neo, state: Any, times: Any, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        propagate(neo[1] if state is None else state, neo[0], times, full_forces)
+
+
+def falling(ephemeris: Ephemeris, epoch: Epoch, aim_km: float) -> Array:
+    """A heliocentric state ten days before an encounter with the Earth at the impact parameter aim_km."""
+    lead = 10 * DAY_S
+    target = ephemeris.state_km_km_s("earth", epoch, lead)[0] - ephemeris.state_km_km_s("sun", epoch, lead)[0]
+    velocity = target[3:] + R_icrf_from_ecliptic @ np.array([6.0, -8.0, 3.0])
+    across = np.cross(velocity - target[3:], [0.0, 0.0, 1.0])
+    end = np.concatenate([target[:3] + aim_km * across / np.linalg.norm(across), velocity])
+    sun = ephemeris.gm_km3_s2["sun"]
+    return kepler(end, [-lead], sun)[0]
+
+
+def test_impact_ends_the_arc_with_body_and_time(ephemeris: Ephemeris) -> None:
+    epoch = Epoch.parse("2030-05-01T00:00:00 TDB")
+    with pytest.raises(EventError, match=r"earth.*2030-05-1\d"):
+        propagate(falling(ephemeris, epoch, 0.0), epoch, [30 * DAY_S], ForceModel(ephemeris=ephemeris), False)
+
+
+def test_near_miss_goes_on(ephemeris: Ephemeris) -> None:
+    epoch = Epoch.parse("2030-05-01T00:00:00 TDB")
+    miss = falling(ephemeris, epoch, 60000.0)
+    assert propagate(miss, epoch, [30 * DAY_S], ForceModel(ephemeris=ephemeris), False).state.shape == (1, 6)
+
+
+def test_start_below_the_surface_is_an_event(ephemeris: Ephemeris) -> None:
+    epoch = Epoch.parse("2030-05-01T00:00:00 TDB")
+    earth = ephemeris.state_km_km_s("earth", epoch, 0.0)[0] - ephemeris.state_km_km_s("sun", epoch, 0.0)[0]
+    with pytest.raises(EventError, match="earth"):
+        propagate(
+            [earth[0] + 3000.0, *earth[1:4], earth[4] + 12.0, earth[5]],
+            epoch,
+            [DAY_S],
+            ForceModel(ephemeris=ephemeris),
+            False,
+        )
+
+
+@pytest.mark.parametrize("days", [20.0, -20.0])
+def test_start_at_the_centre_of_a_body_stops_at_once(ephemeris: Ephemeris, days: float) -> None:
+    epoch = Epoch.parse("2030-05-01T00:00:00 TDB")
+    venus = ephemeris.state_km_km_s("venus", epoch, 0.0)[0] - ephemeris.state_km_km_s("sun", epoch, 0.0)[0]
+    with pytest.raises(EventError, match="venus"):
+        propagate(venus, epoch, [days * DAY_S], ForceModel(ephemeris=ephemeris))
+
+
+def test_apophis_follows_jpl_to_the_eve_of_its_encounter(
+    ephemeris: Ephemeris, apophis: Callable[[Epoch, Any], Array], apophis_nongrav: Any
+) -> None:
+    """1 km from 2028-06 to 2029-04-10 with A1, A2 of solution 220 and the default forces (reached: 0.03 km)."""
+    epoch = Epoch.parse("2028-06-01T00:00:00 TDB")
+    times = np.linspace(0.0, Epoch.parse("2029-04-10T00:00:00 TDB") - epoch, 50)
+    wanted = apophis(epoch, times)
+    forces = ForceModel(ephemeris=ephemeris, nongrav=apophis_nongrav)
+    ours = propagate(wanted[0], epoch, times, forces, False)
+    assert np.linalg.norm(ours.state[:, :3] - wanted[:, :3], axis=1).max() < 1.0

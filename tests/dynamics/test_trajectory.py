@@ -1,0 +1,75 @@
+"""Dense output: any time, any order, without integrating again."""
+
+import numpy as np
+import pytest
+
+from nebosvod.dynamics import ForceModel, propagate
+from nebosvod.dynamics.constants import DAY_S
+from nebosvod.dynamics.trajectory import Trajectory
+from nebosvod.errors import CoverageError, InputError
+from nebosvod.timescale import Epoch
+
+WEIGHT = np.array([1.0, 1.0, 1.0, 1e7, 1e7, 1e7])
+
+
+@pytest.fixture(scope="module")
+def arc(full_forces: ForceModel) -> Trajectory:
+    start = np.array([-83626000.0, 128056000.0, 45477000.0, -23.93, -10.4, -4.47])
+    return propagate(start, Epoch.parse("2025-03-01T00:00:00 TDB"), [-200 * DAY_S, 300 * DAY_S], full_forces)
+
+
+def test_between_the_steps_it_is_as_good_as_an_integration_that_ends_there(arc: Trajectory) -> None:
+    """1 cm of state, 1e-9 of partials, at forty moments of both legs."""
+    times = np.random.default_rng(5).uniform(-200.0, 300.0, 40) * DAY_S
+    dense = arc.at(times)
+    start = arc.at([0.0]).state[0]
+    for k, t in enumerate(times):
+        direct = propagate(start, arc.epoch, [t], arc.forces, margin_s=0.0)
+        assert np.abs((dense.state[k] - direct.state[0]) * WEIGHT).max() < 1e-5
+        error = np.abs((dense.Phi[k] - direct.Phi[0]) * WEIGHT[:, None] / WEIGHT).max()
+        assert error < 1e-9 * np.abs(direct.Phi[0] * WEIGHT[:, None] / WEIGHT).max()
+        gap = np.abs((dense.zeta[k] - direct.zeta[0]) * WEIGHT[:, None]).max(axis=0)
+        assert (gap <= 1e-9 * np.abs(arc.zeta[1] * WEIGHT[:, None]).max(axis=0)).all()
+
+
+def test_it_is_continuous_over_the_edges_of_steps(arc: Trajectory) -> None:
+    """1e-5 km: rounding of 1e8 km, over 1 ms of motion."""
+    edges = arc.step_edges_s[1:-1]
+    left, right = arc.state_at(edges - 5e-4), arc.state_at(edges + 5e-4)
+    assert np.abs((right - left)[:, :3] - 1e-3 * right[:, 3:]).max() < 1e-5
+
+
+def test_velocity_is_the_derivative_of_position(arc: Trajectory) -> None:
+    times = np.linspace(-199.0, 299.0, 50) * DAY_S
+    ahead, behind = arc.state_at(times + 30.0), arc.state_at(times - 30.0)
+    assert np.abs((ahead - behind)[:, :3] / 60.0 - arc.state_at(times)[:, 3:]).max() < 2e-8  # km/s
+
+
+def test_order_and_shape_follow_the_request(arc: Trajectory) -> None:
+    times = np.array([3.0, -5.0, 3.0, 0.0]) * DAY_S
+    asked = arc.at(times)
+    assert np.array_equal(asked.t_s, times)
+    assert asked.state.shape == (4, 6)
+    assert asked.Phi.shape == (4, 6, 6)
+    assert asked.zeta.shape == (4, 6, 7)
+    assert asked.parameter_names == arc.forces.parameters
+    assert np.array_equal(asked.state[0], asked.state[2])
+    assert asked.span_s == arc.span_s
+    assert np.array_equal(arc.state_at(times), asked.state)
+
+
+def test_results_are_read_only(arc: Trajectory) -> None:
+    for array in (arc.t_s, arc.state, arc.Phi, arc.zeta):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 0.0
+
+
+@pytest.mark.parametrize("t", [-201.0 * DAY_S, 300.1 * DAY_S, np.nan])
+def test_times_outside_are_refused(arc: Trajectory, t: float) -> None:
+    with pytest.raises(CoverageError, match="integrated span"):
+        arc.at([0.0, t])
+
+
+def test_times_need_one_axis(arc: Trajectory) -> None:
+    with pytest.raises(InputError, match="shape"):
+        arc.at(np.zeros((2, 2)))
