@@ -81,6 +81,9 @@ class Observation:
         return np.flatnonzero(np.isin(self.telescope_index, wanted))
 
 
+CHUNK = (
+    16_384  # epochs computed at a time: at a million the temporaries of one pass fall out of the cache, twice as slow
+)
 # the fields of Observation with the measurement on the first axis
 ROW_FIELDS = (
     *("t_s", "psi", "H_x", "H_x0", "H_z", "H_c", "rate", "noise", "u", "distance_km", "light_time_s"),
@@ -110,6 +113,26 @@ def observe(trajectory: Trajectory, telescope: Telescope, t_s: Array, ephemeris:
     rate is D L (V - v_telescope). Phi(t - tau, t) = [I + tau^2 G / 2, -tau I - tau^3 G / 6] with the Sun's gravity
     gradient G: the gradient term is 1e-8 of the whole at 1 au, the next one 1e-11.
     """
+    t_s = np.asarray(t_s, dtype=np.float64)
+    if t_s.ndim != 1 or t_s.size <= CHUNK:
+        return _observe(trajectory, telescope, t_s, ephemeris)
+    rows: dict[str, Array] = {}
+    for start in range(0, t_s.size, CHUNK):
+        piece = _observe(trajectory, telescope, t_s[start : start + CHUNK], ephemeris)
+        for name in ROW_FIELDS:
+            values = getattr(piece, name)
+            rows.setdefault(name, np.empty((t_s.size, *values.shape[1:])))[start : start + CHUNK] = values
+    return Observation(
+        epoch=piece.epoch,
+        telescopes=piece.telescopes,
+        telescope_index=np.zeros(t_s.size, dtype=np.int64),
+        parameter_names=piece.parameter_names,
+        **rows,
+    )
+
+
+def _observe(trajectory: Trajectory, telescope: Telescope, t_s: Array, ephemeris: Ephemeris) -> Observation:
+    """`observe` for as many epochs as fit the processor's cache."""
     line = sight(trajectory, telescope.spacecraft, t_s, ephemeris)
     emitted = trajectory.at(line.t_s - line.light_time_s)
     Phi, zeta = emitted.Phi[:, :3], emitted.zeta[:, :3]

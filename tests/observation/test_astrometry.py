@@ -10,6 +10,7 @@ from nebosvod.observation import (
     Geostationary,
     HeliocentricCompanion,
     Telescope,
+    astrometry,
     merge,
     observe,
     residual,
@@ -160,3 +161,12 @@ def test_merge_refuses_what_does_not_belong_together(two_body, ephemeris, epoch)
         merge([])
     with pytest.raises(InputError, match=r'telescope "C" made no measurement here .there are: A'):
         one.rows(["C"])
+
+
+def test_many_epochs_are_computed_in_pieces_with_the_same_result(two_body, ephemeris, monkeypatch):
+    whole = observe(two_body, telescope(HERE), T_S, ephemeris)
+    monkeypatch.setattr(astrometry, "CHUNK", 7)
+    pieces = observe(two_body, telescope(HERE), T_S, ephemeris)
+    for name in ("telescope_index", *astrometry.ROW_FIELDS):
+        # a table of few epochs is interpolated elsewhere: precession-nutation to 2e-7 km
+        np.testing.assert_allclose(getattr(pieces, name), getattr(whole, name), rtol=1e-9, atol=1e-14, err_msg=name)
