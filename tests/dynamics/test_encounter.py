@@ -82,7 +82,7 @@ def test_every_minimum_is_a_minimum(flight: Trajectory) -> None:
 def test_b_plane_point_is_where_the_asymptote_would_pass(
     ephemeris: Ephemeris, flyby: Encounter, flight: Trajectory
 ) -> None:
-    """1e-4 of |b|: the osculating hyperbola followed back 300 years; its direction has 1e-10 left to turn, times 6e10 km."""
+    """1e-4 of |b|: the hyperbola followed back 300 years, where its direction has 1e-10 left to turn."""
     plane = target_plane(flight, flyby, "b_plane")
     gm = ephemeris.gm_km3_s2["earth"]
     far = kepler(flyby.state, [-1e10], gm)[0]
