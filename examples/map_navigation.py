@@ -96,12 +96,7 @@ def main() -> None:
     reference = np.sqrt(np.diag(found.reference_covariance))
     print("truth              ", np.round(found.truth[:2], 3))
     print("combined algorithm ", np.round(found.combined.mean[:2], 3), "+-", np.round(sigma, 3))
-    print(
-        "dense reference    ",
-        np.round(found.reference_mean, 3),
-        "+-",
-        np.round(np.sqrt(np.diag(found.reference_covariance)), 3),
-    )
+    print("dense reference    ", np.round(found.reference_mean, 3), "+-", np.round(reference, 3))
 
 
 if __name__ == "__main__":
