@@ -52,15 +52,13 @@ class ChainFilter:
     innovation: Array
     gain: Array
 
-    def whiten(self, rows: Array) -> Array:
-        """Return L^-1 rows for the touched rows (n_r, p, w)."""
-        out: Array = _forward(self.H, self.F, self.innovation, self.gain, np.ascontiguousarray(rows))
-        return out
+    def whiten(self, rows: Array) -> None:
+        """Apply L^-1 in place to the touched rows among all rows (n, p, w)."""
+        _forward(self.H, self.F, self.innovation, self.gain, self.rows, rows)
 
-    def adjoint(self, rows: Array) -> Array:
-        """Return L^-T rows for the touched rows (n_r, p, w)."""
-        out: Array = _backward(self.H, self.F, self.innovation, self.gain, np.ascontiguousarray(rows))
-        return out
+    def adjoint(self, rows: Array) -> None:
+        """Apply L^-T in place to the touched rows among all rows (n, p, w)."""
+        _backward(self.H, self.F, self.innovation, self.gain, self.rows, rows)
 
 
 def merge(nuisances: list[Markov]) -> list[Chain]:
@@ -97,8 +95,8 @@ def accumulated(nuisance: Markov, gain: Array) -> Array:
     """Covariance (w, w) of sum_k gain_k^T H_k z_k for a gain (n, p, w) over all measurements, in O(n)."""
     reach: Array
     total: Array
-    H, F, Q, mine = _plain(nuisance.H, nuisance.F, nuisance.Q, gain[nuisance.rows])
-    reach, total = _accumulate(H, F, Q, mine)
+    H, F, Q = _plain(nuisance.H, nuisance.F, nuisance.Q)
+    reach, total = _accumulate(H, F, Q, np.array(nuisance.rows), gain)
     return total + reach.T @ nuisance.P0 @ reach
 
 
@@ -164,11 +162,10 @@ def _filter(H, F, step, root, noise):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _forward(H, F, innovation, gain, rows):  # type: ignore[no-untyped-def]
-    """w_k = iL_k (y_k - H_k a_k), a_{k+1} = F_{k+1} (a_k + gain_k w_k), for all columns of rows."""
+def _forward(H, F, innovation, gain, index, rows):  # type: ignore[no-untyped-def]
+    """w_k = iL_k (y_k - H_k a_k), a_{k+1} = F_{k+1} (a_k + gain_k w_k), for all columns of rows, in place."""
     n, p, q = H.shape
     width = rows.shape[2]
-    out = np.empty(rows.shape)
     a = np.zeros((q, width))
     new = np.zeros((q, width))
     for k in range(n):
@@ -179,27 +176,26 @@ def _forward(H, F, innovation, gain, rows):  # type: ignore[no-untyped-def]
                     for c in range(width):
                         new[i, c] += F[k, i, j] * a[j, c]
             a[:, :] = new
+        row = rows[index[k]]
         for i in range(p):
             for c in range(width):
-                value = rows[k, i, c]
+                value = row[i, c]
                 for j in range(q):
                     value -= H[k, i, j] * a[j, c]
                 for j in range(i):
-                    value -= innovation[k, i, j] * out[k, j, c]
-                out[k, i, c] = value / innovation[k, i, i]
+                    value -= innovation[k, i, j] * row[j, c]
+                row[i, c] = value / innovation[k, i, i]
         for i in range(q):
             for j in range(p):
                 for c in range(width):
-                    a[i, c] += gain[k, i, j] * out[k, j, c]
-    return out
+                    a[i, c] += gain[k, i, j] * row[j, c]
 
 
 @njit(cache=True)
-def _backward(H, F, innovation, gain, rows):  # type: ignore[no-untyped-def]
+def _backward(H, F, innovation, gain, index, rows):  # type: ignore[no-untyped-def]
     """The transpose of `_forward`: f = F_{k+1}^T abar, t_k = L_k^-T (g_k + gain_k^T f), abar = f - H_k^T t_k."""
     n, p, q = H.shape
     width = rows.shape[2]
-    out = np.empty(rows.shape)
     bar = np.zeros((q, width))
     f = np.zeros((q, width))
     for k in range(n - 1, -1, -1):
@@ -209,25 +205,25 @@ def _backward(H, F, innovation, gain, rows):  # type: ignore[no-untyped-def]
                 for j in range(q):
                     for c in range(width):
                         f[i, c] += F[k + 1, j, i] * bar[j, c]
+        row = rows[index[k]]
         for i in range(p - 1, -1, -1):
             for c in range(width):
-                value = rows[k, i, c]
+                value = row[i, c]
                 for j in range(q):
                     value += gain[k, j, i] * f[j, c]
                 for j in range(i + 1, p):
-                    value -= innovation[k, j, i] * out[k, j, c]
-                out[k, i, c] = value / innovation[k, i, i]
+                    value -= innovation[k, j, i] * row[j, c]
+                row[i, c] = value / innovation[k, i, i]
         for i in range(q):
             for c in range(width):
                 value = f[i, c]
                 for j in range(p):
-                    value -= H[k, j, i] * out[k, j, c]
+                    value -= H[k, j, i] * row[j, c]
                 bar[i, c] = value
-    return out
 
 
 @njit(cache=True)
-def _accumulate(H, F, Q, gain):  # type: ignore[no-untyped-def]
+def _accumulate(H, F, Q, index, gain):  # type: ignore[no-untyped-def]
     """Backward sum a_k = H_k^T gain_k + F_{k+1}^T a_{k+1}: a_0 (q, w) and sum_k>0 a_k^T Q_k a_k (w, w)."""
     n, p, q = H.shape
     width = gain.shape[2]
@@ -244,7 +240,7 @@ def _accumulate(H, F, Q, gain):  # type: ignore[no-untyped-def]
         for i in range(q):
             for j in range(p):
                 for c in range(width):
-                    a[i, c] += H[k, j, i] * gain[k, j, c]
+                    a[i, c] += H[k, j, i] * gain[index[k], j, c]
         if k > 0:
             total += np.ascontiguousarray(a.T) @ (Q[k] @ a)
     return a, total

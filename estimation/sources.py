@@ -178,7 +178,9 @@ def _gain_parts(whitener: Whitener, rows: Array, S: Array, whole: bool) -> Itera
     n, p, _ = rows.shape
     size = S.shape[0]
     if whole or whitener.chains:
-        X = (np.ascontiguousarray(rows[:, :, :size]).reshape(-1, size) @ S).reshape(n, p, -1)
+        X = np.empty((n, p, S.shape[1]))
+        for start, stop in chunks(n):
+            X[start:stop] = rows[start:stop, :, :size] @ S
         whitener.adjoint(X)
         yield 0, n, X
         return

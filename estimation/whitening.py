@@ -55,7 +55,7 @@ class Whitener:
         free = np.ones(len(rows), dtype=bool)
         for chain in self.chains:
             free[chain.rows] = False
-            rows[chain.rows] = chain.whiten(rows[chain.rows])
+            chain.whiten(rows)
         self._solve_free(free, rows, solve_rows)
 
     def adjoint(self, rows: Array) -> None:
@@ -63,7 +63,7 @@ class Whitener:
         free = np.ones(len(rows), dtype=bool)
         for chain in self.chains:
             free[chain.rows] = False
-            rows[chain.rows] = chain.adjoint(rows[chain.rows])
+            chain.adjoint(rows)
         self._solve_free(free, rows, solve_rows_transposed)
 
     def adjoint_part(self, start: int, stop: int, rows: Array) -> None:
