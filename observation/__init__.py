@@ -1,5 +1,6 @@
 """Where telescopes are, what they see of an asteroid, and everything that is uncertain about them."""
 
+from nebosvod.observation.apparent import apparent_place
 from nebosvod.observation.astrometry import Observation, merge, observe
 from nebosvod.observation.bias import ArcBias, BiasDrift, ConstantBias, GaussMarkovBias, ZoneBias
 from nebosvod.observation.clock import TimingOffset
@@ -56,6 +57,7 @@ __all__ = [
     "WhitePosition",
     "ZoneBias",
     "apparent_magnitude",
+    "apparent_place",
     "draw_noise",
     "draw_truth",
     "measure",
