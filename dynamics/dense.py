@@ -51,6 +51,19 @@ def join(backward: Steps | None, forward: Steps | None, window: Window, count: i
 
 
 @kernel
+def step_of(t: float, edges: Array) -> int:
+    """The step that holds t, by bisection of the ascending edges; the outer ones reach beyond their ends."""
+    low, high = 0, edges.shape[0] - 1
+    while high - low > 1:
+        middle = (low + high) // 2
+        if edges[middle] <= t:
+            low = middle
+        else:
+            high = middle
+    return low
+
+
+@kernel
 def step_weights(s: float, h: float, weights: Array) -> None:
     """Weights (16,) of the nodal accelerations: first for the velocity at the fraction s of a step h, then position."""
     x = 2.0 * s - 1.0
@@ -81,8 +94,7 @@ def _evaluate(
     count = partials.shape[2]
     rows = 3 * count
     for e in range(times.shape[0]):
-        place = np.searchsorted(edges, times[e], side="right") - 1
-        k = max(0, min(place, edges.shape[0] - 2))
+        k = step_of(times[e], edges)
         h = steps.length[k]
         s = (times[e] - steps.start[k]) / h
         step_weights(s, h, weights)

@@ -112,13 +112,16 @@ def make_steps(capacity: int, columns: int) -> Steps:
 def resized(old: Steps, count: int, capacity: int, columns: int) -> Steps:
     """Copy the first `count` steps into room for `capacity`."""
     new = make_steps(capacity, columns)
-    new.start[:count] = old.start[:count]
-    new.length[:count] = old.length[:count]
-    new.state[:count] = old.state[:count]
-    new.acceleration[:count] = old.acceleration[:count]
-    new.variation[:count] = old.variation[:count]
-    new.variation_acceleration[:count] = old.variation_acceleration[:count]
-    new.tide[:count] = old.tide[:count]
+    for k in range(count):  # loops, not slices: a slice assignment brings 4 s of compilation with it
+        new.start[k], new.length[k], new.tide[k] = old.start[k], old.length[k], old.tide[k]
+        for i in range(6):
+            new.state[k, i] = old.state[k, i]
+        for i in range(24):
+            new.acceleration[k, i] = old.acceleration[k, i]
+        for i in range(6 * columns):
+            new.variation[k, i] = old.variation[k, i]
+        for i in range(24 * columns):
+            new.variation_acceleration[k, i] = old.variation_acceleration[k, i]
     return new
 
 
@@ -165,6 +168,15 @@ def jacobian(n: int, w: Work, p: Physics) -> None:
         eih_gradient(n, w.X, w.V, w.P, w.W, w.WA, w.U, p.gm, p.c2, w.Q, w.G, w.K)
     if p.nongrav_on:
         nongrav_gradient(n, w.X, w.V, w.P, w.VS, p.nongrav_strength, p.nongrav_unit, w.G, w.K, w.F[24:])
+
+
+@kernel
+def largest(values: Array) -> float:
+    """Largest of eight lanes."""
+    most = values[0]
+    for l in range(1, 8):
+        most = max(most, values[l])
+    return float(most)
 
 
 @kernel
@@ -240,7 +252,7 @@ def solve_state(n: int, w: Work, p: Physics, x: Array, v: Array, h: float, first
             blur = (
                 8.0 * EPSILON * (abs(x[0]) + abs(x[1]) + abs(x[2]) + abs(w.t[7]) * (abs(v[0]) + abs(v[1]) + abs(v[2])))
             )
-            noise = np.max(w.tide) * blur / size
+            noise = largest(w.tide) * blur / size
         change /= size
         if change < EPSILON + noise or (change < 1e-13 + noise and change > 0.3 * last):
             return True, noise, size
@@ -281,7 +293,8 @@ def solve_variations(n: int, w: Work, columns: Integers, px: Array, pv: Array, h
     """Iterate the accelerations w.D of all variation columns to round-off; the Jacobians are those of the state."""
     count = 6 + columns.shape[0]
     if first:
-        w.D[:] = 0.0
+        for i in range(24 * count):
+            w.D[i] = 0.0
     else:
         weigh(n, w.extrapolation, w.D_before, 3 * count, 1.0, w.D)
     last = 1e300
@@ -365,7 +378,7 @@ def first_step(w: Work, p: Physics, x: Array, tolerance: float) -> float:
 @kernel
 def store(s: Steps, k: int, t: float, h: float, x: Array, v: Array, px: Array, pv: Array, w: Work) -> None:
     """Write step k."""
-    s.start[k], s.length[k], s.tide[k] = t, h, np.max(w.tide)
+    s.start[k], s.length[k], s.tide[k] = t, h, largest(w.tide)
     for i in range(3):
         s.state[k, i], s.state[k, 3 + i] = x[i], v[i]
     for i in range(24):
@@ -401,7 +414,9 @@ def integrate(
     """
     count = 6 + columns.shape[0] if variations else 0
     w = make_work(layout.shape[0], count)
-    x, v, lost_x, lost_v = start[:3].copy(), start[3:].copy(), np.zeros(3), np.zeros(3)
+    x, v, lost_x, lost_v = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
+    for k in range(3):
+        x[k], v[k] = start[k], start[3 + k]
     px, pv = np.zeros(3 * count), np.zeros(3 * count)
     if variations:
         for k in range(3):
