@@ -139,7 +139,7 @@ def _one_residual(axes: Any, days: Array, value: Array, sigma: Array | None, i: 
     colour, marker = SERIES[i % len(SERIES)]
     few = thin(len(days), 600)
     if sigma is not None:
-        axes.fill_between(days, -sigma, sigma, color=GREY, alpha=0.22, lw=0, step="mid" if len(days) > 1 else None)
+        axes.fill_between(days[few], -sigma[few], sigma[few], color=GREY, alpha=0.22, lw=0)
     axes.axhline(0.0, color=GREY, lw=0.7)
     axes.plot(days[few], value[few], marker, ms=2.4, mew=0, color=colour, alpha=0.85)
 

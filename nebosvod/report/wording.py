@@ -55,11 +55,10 @@ REMOVED = {
     "limiting_magnitude": "too faint",
     "occulted": "behind the Earth",
 }
-STATUS = {
-    "converged": "converged",
-    "iteration_limit": "stopped at the iteration limit",
-    "not_observable": "is not determined by the measurements",
-    "diverged": "diverged",
+REASON = {  # why an estimator that did not converge has no answer
+    "iteration_limit": "the fit did not converge within its iterations",
+    "not_observable": "the measurements and priors do not determine every estimated quantity",
+    "diverged": "the fit diverged",
 }
 METHODS = {
     "batch_qr": "batch least squares, QR",

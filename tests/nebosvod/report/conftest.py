@@ -88,7 +88,7 @@ class Case:
         r, m, a = (v for v, _ in PHYSICAL.values())
         chain = kappa(r, m, a) * np.array([2 / r, -1 / m, (4 / 9) / (1 + 4 * a / 9)])
         self.by = np.concatenate([partial[:, :6], chain[None, :, None] * partial[:, 6:7]], axis=1).transpose(0, 2, 1)
-        pick = np.arange(0, int(days * 4) + 1, max(1, int(cadence_h / 6)))
+        pick = np.arange(0, int(days * 4) + 1, max(1, round(cadence_h / 6)))
         self.row_grid = np.repeat(pick, 2)
         self.telescope = np.tile([0, 1], len(pick))
         self.t_s = self.grid_s[self.row_grid]
@@ -111,7 +111,7 @@ class Case:
         self.B = np.zeros((n, 2, 4))
         for i in range(2):
             self.B[np.arange(n), i, 2 * self.telescope + i] = 1.0
-        rng = np.random.default_rng(7)
+        rng = np.random.default_rng(5)
         self.bias = rng.normal(0.0, 0.05 * ARCSEC, 4)
         noise = rng.normal(0.0, 0.1 * ARCSEC, (n, 2)) + np.einsum("nij,nj->ni", self.D, rng.normal(0, 3.0, (n, 3)))
         self.residual = noise + self.B @ self.bias
@@ -295,7 +295,7 @@ def history(case: Case) -> dict[str, Array]:
     }
 
 
-def build(folder: Path, days: float = 60.0, cadence_h: float = 24.0, object_name: str = "(99942) Apophis") -> Path:
+def build(folder: Path, days: float = 144.0, cadence_h: float = 48.0, object_name: str = "(99942) Apophis") -> Path:
     """Write a whole run folder and return it."""
     case = Case(days, cadence_h)
     full, blind = case.solve(True), case.solve(False)

@@ -1,0 +1,211 @@
+"""Figures and wording: geometry of the drawing, axes, numbers as text."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+
+from nebosvod.report import ellipses, figures, geometry, plate, wording
+from nebosvod.report.folder import RunFolder, read_folder
+from nebosvod.timescale import Epoch
+
+K = np.array([[4.0, 1.5], [1.5, 1.0]])
+EPOCH = Epoch.parse("2028-11-15T00:00:00 TDB")
+
+
+@pytest.fixture(scope="module")
+def run(run_folder: Path) -> RunFolder:
+    return read_folder(run_folder)
+
+
+@pytest.mark.parametrize("level", [1, 2, 3])
+def test_outline_is_the_curve_of_constant_probability(level: int) -> None:
+    points = ellipses.outline(K, level)
+    assert np.einsum("ni,ij,nj->n", points, np.linalg.solve(K, np.eye(2)), points) == pytest.approx(level**2, rel=1e-12)
+
+
+def test_outline_of_a_singular_covariance_is_a_segment() -> None:
+    points = ellipses.outline(np.array([[4.0, 2.0], [2.0, 1.0]]), 1)
+    assert points[:, 0] == pytest.approx(2.0 * points[:, 1], abs=1e-7)
+    assert np.abs(points[:, 0]).max() == pytest.approx(2.0, rel=1e-6)
+
+
+@pytest.mark.parametrize(("minor", "along"), [(1.0, False), (0.05, True)])
+def test_a_slender_ellipse_is_drawn_along_its_own_axes(run: RunFolder, minor: float, along: bool) -> None:
+    vectors = np.array([[0.6, -0.8], [0.8, 0.6]])
+    covariance = (vectors * np.array([4.0, minor**2])) @ vectors.T
+    prediction = {
+        **run.predictions("batch")[0],
+        "covariance_km2": covariance.tolist(),
+        "covariance_formal_km2": (0.25 * covariance).tolist(),
+        "semi_axes_km": [2.0, minor],
+    }
+    with plate.style():
+        drawn = ellipses.ellipse_plate(prediction)
+    assert drawn is not None
+    assert ("along the long axis, km" in drawn.svg) is along
+    assert ("ξ, km" in drawn.svg) is not along
+    said = drawn.caption.striptags()
+    assert ("Drawn along its own axes" in said) is along
+    assert "25 % of the true area; in the worst direction the true sigma is 2.00" in said
+
+
+def test_plan_view_looks_down_the_pole_of_the_ecliptic() -> None:
+    tilt = np.radians(84381.448 / 3600)
+    pole = np.array([0.0, -np.sin(tilt), np.cos(tilt)])
+    ahead = np.array([0.0, np.cos(tilt), np.sin(tilt)])
+    assert geometry.plan(geometry.AU_KM * pole) == pytest.approx([0.0, 0.0], abs=1e-15)
+    assert geometry.plan(geometry.AU_KM * ahead) == pytest.approx([0.0, 1.0], abs=1e-15)
+
+
+def test_telescopes_are_drawn_apart_from_the_earth_only_where_they_are(run: RunFolder) -> None:
+    with plate.style():
+        near = geometry.plan_view(run)
+        far = geometry.plan_view(
+            replace(run, arrays={**run.arrays, "telescope_position_km": 0.9 * run.arrays["telescope_position_km"]})
+        )
+    assert near is not None
+    assert far is not None
+    assert "NEB-1 and NEB-2" in near.caption
+    assert ">NEB-1<" not in near.svg
+    assert ">NEB-1<" in far.svg
+    assert "cannot be told" not in far.caption
+
+
+@pytest.mark.parametrize("days", [0.04, 0.5, 3, 10, 40, 76, 144, 400, 3650, 36500])
+def test_a_time_axis_has_a_few_dates_inside_it(days: float) -> None:
+    with plate.style():
+        axes = plate.figure(5.0, 2.0).subplots()
+        plate.time_axis(axes, EPOCH, np.array([0.0, days * 86400.0]))
+    ticks = axes.xaxis.get_major_locator().locs
+    low, high = axes.get_xlim()
+    assert 1 <= len(ticks) <= 9
+    assert low <= min(ticks)
+    assert max(ticks) <= high
+    texts = [axes.xaxis.get_major_formatter()(x, i) for i, x in enumerate(ticks)]
+    assert len(set(texts)) == len(texts)
+
+
+def test_ticks_stand_at_the_dates_they_name() -> None:
+    with plate.style():
+        axes = plate.figure(5.0, 2.0).subplots()
+        plate.time_axis(axes, EPOCH, np.array([0.0, 144 * 86400.0]))
+    ticks = axes.xaxis.get_major_locator().locs
+    assert axes.xaxis.get_major_formatter()(ticks[0], 0) == "2028-12"
+    assert ticks[0] == pytest.approx(16.0)
+
+
+def test_history_hides_what_is_undetermined_and_says_from_when(run: RunFolder) -> None:
+    with plate.style():
+        drawn = figures.sigma_over_time(run)
+    assert drawn is not None
+    said = drawn.caption.striptags()
+    true = run.arrays["history_sigma_position_km_filter"]
+    first = int(np.argmax(true < figures.UNDETERMINED_KM))
+    assert f"after {first + 1} measurements" in said
+    assert "Formal and true sigma agree throughout" in said
+    formal = run.arrays["history_sigma_formal_position_km_filter"]
+    with plate.style():
+        off = figures.sigma_over_time(
+            replace(run, arrays={**run.arrays, "history_sigma_formal_position_km_filter": 0.5 * formal})
+        )
+    assert off is not None
+    assert "True over formal sigma is 2.00 at its furthest from 1" in off.caption.striptags()
+
+
+def test_residual_caption_counts_what_is_drawn(run: RunFolder) -> None:
+    arrays = {**run.arrays, "residual_after_batch": np.array(run.arrays["residual_after_batch"])}
+    arrays["residual_after_batch"][:] = 0.5 * arrays["sigma_measurement"]
+    arrays["residual_after_batch"][3, 1] = 4.0 * arrays["sigma_measurement"][3, 1]
+    with plate.style():
+        drawn = figures.residuals(replace(run, arrays=arrays), run.estimators[0])
+    assert drawn is not None
+    said = drawn.caption.striptags()
+    assert "100 % of the residuals lie inside" in said
+    assert f"Beyond 3σ: 1 of {2 * len(arrays['epoch_s'])}" in said
+
+
+def test_many_measurements_do_not_make_a_heavy_page(run: RunFolder) -> None:
+    n = 40
+    grown = {
+        name: np.repeat(run.arrays[name], n, axis=0)
+        for name in ("telescope_index", "residual_after_batch", "sigma_measurement", "telescope_position_km", "state")
+    }
+    grown["epoch_s"] = np.repeat(run.arrays["epoch_s"], n) + np.tile(np.arange(n), len(run.arrays["epoch_s"]))
+    big = replace(run, arrays={**run.arrays, **grown})
+    with plate.style():
+        drawn = [figures.residuals(big, run.estimators[0]), geometry.viewing(big)]
+    assert all(p is not None and len(p.svg) < 600_000 for p in drawn)
+
+
+def test_drawing_leaves_the_settings_of_the_caller_alone(run: RunFolder) -> None:
+    before = dict(mpl.rcParams)
+    with plate.style():
+        figures.noise_to_nuisance(run)
+    assert dict(mpl.rcParams) == before
+
+
+@pytest.mark.parametrize(
+    ("value", "digits", "text"),
+    [
+        (0.0, 3, "0"),
+        (81.77207, 3, "81.8"),
+        (-2.5, 3, "−2.50"),
+        (0.00999961, 3, "0.0100"),
+        (999.96, 3, "1000"),
+        (12345.6, 3, "12\N{NARROW NO-BREAK SPACE}346"),
+        (99999.7, 3, "1.00\N{NO-BREAK SPACE}×\N{NO-BREAK SPACE}10⁵"),
+        (6.1e10, 3, "6.10\N{NO-BREAK SPACE}×\N{NO-BREAK SPACE}10¹⁰"),
+        (-2.9018e-14, 4, "−2.902\N{NO-BREAK SPACE}×\N{NO-BREAK SPACE}10⁻¹⁴"),
+    ],
+)
+def test_numbers_are_written_with_their_significant_digits(value: float, digits: int, text: str) -> None:
+    assert wording.number(value, digits) == text
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "text"),
+    [
+        (117.24, "km", "117 km"),
+        (0.0124, "km", "12.4 m"),
+        (2.0e8, "km", "1.34 au"),
+        (0.0176, "m_s", "17.6 mm/s"),
+        (0.0435, "arcsec", "43.5 mas"),
+        (76.9, "deg", "76.9°"),
+        (None, "km", "—"),
+        (float("nan"), "km", "—"),
+    ],
+)
+def test_quantities_come_in_the_unit_that_reads_best(value: float | None, unit: str, text: str) -> None:
+    assert wording.quantity(value, unit).striptags() == text
+
+
+def test_prediction_with_its_sigma_is_written_to_the_digits_that_count() -> None:
+    said = wording.with_sigma(38006.48759, 1.049, "km").striptags()
+    assert said == "38 006.5 ± 1.05 km"
+
+
+def test_summary_schema_admits_the_run_and_refuses_what_is_not_one(run: RunFolder) -> None:
+    jsonschema = pytest.importorskip("jsonschema")
+    schema = json.loads((Path(plate.__file__).parent / "summary.schema.json").read_text("utf-8"))
+    check = jsonschema.Draft202012Validator(schema)
+    check.check_schema(schema)
+    check.validate(run.summary)
+    for path, value in (
+        (("estimators", 0, "sigma_position_km"), None),
+        (("estimators", 0, "status"), "fine"),
+        (("estimators", 0, "covariance_km_km_s"), [[1.0]]),
+        (("reference_epoch_tdb",), "2028-11-15"),
+        (("predictions", 0, "plane"), "b-plane"),
+        (("budget", 0, "share_position"), 1.5),
+        (("surprise",), 1),
+    ):
+        broken = json.loads(json.dumps(run.summary))
+        target = broken
+        for key in path[:-1]:
+            target = target[key]
+        target[path[-1]] = value
+        assert not check.is_valid(broken), path

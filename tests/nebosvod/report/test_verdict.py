@@ -1,0 +1,130 @@
+"""The sentences: what they say follows from the numbers, and changes with them."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from nebosvod.report.folder import RunFolder, read_folder
+from nebosvod.report.physical import kappa_partials, kappa_sentence
+from nebosvod.report.verdict import chi2_interval, grouped, kind_of, position_shares, verdict
+
+
+@pytest.fixture(scope="module")
+def run(run_folder: Path) -> RunFolder:
+    return read_folder(run_folder)
+
+
+def changed(run: RunFolder, **keys: Any) -> RunFolder:
+    """The run with keys of its summary replaced (a deep copy)."""
+    return replace(run, summary=json.loads(json.dumps({**run.summary, **keys})))
+
+
+def spoken(run: RunFolder) -> str:
+    """All sentences as plain text."""
+    words = verdict(run)
+    return " ".join(s.striptags() for s in (words.headline, *words.sentences))
+
+
+def test_headline_is_the_target_plane_and_its_largest_source(run: RunFolder) -> None:
+    first = run.predictions("batch")[0]
+    a, b = first["semi_axes_km"]
+    headline = verdict(run).headline.striptags()
+    assert headline.startswith(f"Earth b-plane on 2029-04-13: {a:.3g} × {b:.3g}")
+    totals: dict[str, float] = {}
+    for row in first["budget"]:
+        kind = kind_of(row["source"], run.telescopes)
+        totals[kind] = totals.get(kind, 0.0) + row["share_total"]
+    top = max(totals, key=lambda kind: totals[kind])
+    assert f"{top} (2 telescopes) makes up {100 * totals[top]:.0f} %" in headline
+
+
+def test_headline_without_predictions_is_the_position(run: RunFolder) -> None:
+    assert verdict(changed(run, predictions=[])).headline.striptags().startswith("Position known to ")
+
+
+def test_shares_added_over_telescopes_still_make_the_whole(run: RunFolder) -> None:
+    kinds = grouped(position_shares(run, run.estimators[0]), run.telescopes)
+    assert sum(share for _, share, _ in kinds) == pytest.approx(1.0, abs=1e-9)
+    assert {(kind, n) for kind, _, n in kinds} >= {("bias", 2), ("measurement noise", 2), ("mass", 1)}
+
+
+def test_source_that_only_contains_a_telescope_name_keeps_its_name() -> None:
+    assert kind_of("bias NEB-1", ["NEB-1", "B-1"]) == "bias"
+    assert kind_of("bias XNEB-1", ["NEB-1"]) == "bias XNEB-1"
+    assert kind_of("NEB-1", ["NEB-1"]) == "NEB-1"
+
+
+def test_estimator_that_ignores_the_bias_is_said_to_mislead_and_why(run: RunFolder) -> None:
+    blind = run.estimators[2]
+    ratio = blind["sigma_position_km"] / blind["sigma_formal_position_km"]
+    assert ratio > 1.2
+    text = spoken(run)
+    assert f"formal sigma is {ratio:.3g}" in text
+    assert "Bias NEB-1 and bias NEB-2 are left out of its weights" in text
+    assert verdict(run).tone == "good"
+    alone = changed(run, estimators=[blind], predictions=[])
+    assert verdict(alone).tone == "caution"
+
+
+def test_formal_sigma_too_large_is_said_too(run: RunFolder) -> None:
+    timid = {**run.estimators[0], "sigma_formal_position_km": 2.0 * run.estimators[0]["sigma_position_km"]}
+    assert "its formal sigma is 2.00 times too large" in spoken(changed(run, estimators=[timid]))
+
+
+@pytest.mark.parametrize(
+    ("factor", "said"), [(1.6, "larger than the noise model"), (0.5, "smaller than the noise model")]
+)
+def test_chi2_outside_its_interval_is_a_caution(run: RunFolder, factor: float, said: str) -> None:
+    assert "inside its 99" in spoken(run)
+    odd = {**run.estimators[0], "chi2": factor * run.estimators[0]["dof"]}
+    words = verdict(changed(run, estimators=[odd]))
+    assert words.tone == "caution"
+    assert said in " ".join(words.sentences)
+
+
+def test_chi2_interval_is_that_of_the_distribution() -> None:
+    """Tabulated 0.5 % and 99.5 % points of chi-square: 0.41174 and 16.750 at 5, 67.328 and 140.169 at 100."""
+    assert chi2_interval(5) == pytest.approx((0.41174 / 5, 16.750 / 5), rel=1e-4)
+    assert chi2_interval(100) == pytest.approx((0.67328, 1.40169), rel=1e-5)
+
+
+def test_estimators_that_agree_are_said_to_and_one_that_failed_is_named(run: RunFolder) -> None:
+    same = [run.estimators[0], run.estimators[1]]
+    assert "“batch” and “filter” give the same position sigma" in spoken(changed(run, estimators=same))
+    assert "runs from" in spoken(run)
+    failed = {**run.estimators[1], "status": "diverged"}
+    words = verdict(changed(run, estimators=[run.estimators[0], failed]))
+    assert words.tone == "caution"
+    assert "The estimator “filter” gives no answer: the fit diverged." in [s.striptags() for s in words.sentences]
+
+
+def test_partials_of_kappa_are_those_of_its_formula() -> None:
+    values = {"radius_m": 170.0, "mass_kg": 6.1e10, "albedo": 0.16, "thermal_emission": 0.1}
+
+    def log_kappa(v: dict[str, float]) -> float:
+        reflection = 1 + 4 * v["albedo"] / 9 + v["thermal_emission"] * (1 - v["albedo"])
+        return float(np.log(np.pi * v["radius_m"] ** 2 / v["mass_kg"] * reflection))
+
+    for name, partial in kappa_partials(values).items():
+        step = 1e-5 * values[name]
+        up, down = ({**values, name: values[name] + sign * step} for sign in (1, -1))
+        assert partial == pytest.approx((log_kappa(up) - log_kappa(down)) / (2 * step), rel=1e-8)
+
+
+def test_kappa_before_the_fit_is_the_sum_of_the_priors_and_a_gain_is_said(run: RunFolder) -> None:
+    estimator = run.estimators[0]
+    partial = kappa_partials({"radius_m": 170.0, "mass_kg": 6.1e10, "albedo": 0.159})
+    before = np.hypot(np.hypot(20.0 * partial["radius_m"], 1.5e10 * partial["mass_kg"]), 0.05 * partial["albedo"])
+    sentence = kappa_sentence(run, estimator)
+    assert sentence is not None
+    assert f"{100 * before:.0f}" in sentence.striptags()
+    assert "do not narrow it" in sentence
+    factor = np.array(run.arrays["factor_batch"])
+    factor[6:9] *= 0.25
+    better = kappa_sentence(replace(run, arrays={**run.arrays, "factor_batch": factor}), estimator)
+    assert better is not None
+    assert "narrow it to 25" in better.striptags()
