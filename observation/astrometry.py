@@ -11,7 +11,6 @@ import numpy.typing as npt
 
 from nebosvod.errors import InputError
 from nebosvod.observation.contracts import Array, Ephemeris, Trajectory
-from nebosvod.observation.direction import tangent_axes
 from nebosvod.observation.sight import sight
 from nebosvod.observation.telescope import Telescope
 from nebosvod.timescale import Epoch
@@ -136,10 +135,8 @@ def _observe(trajectory: Trajectory, telescope: Telescope, t_s: Array, ephemeris
     line = sight(trajectory, telescope.spacecraft, t_s, ephemeris)
     emitted = trajectory.at(line.t_s - line.light_time_s)
     Phi, zeta = emitted.Phi[:, :3], emitted.zeta[:, :3]
-    D = tangent_axes(line.psi) / line.distance_km[:, None, None]
-    DL = D @ line.light_time_factor()
-    relative_velocity = line.target_state[:, 3:] - line.telescope_state[:, 3:]
-    rate = (DL @ relative_velocity[:, :, None])[:, :, 0]
+    DL = line.sky_partials()
+    rate = line.rate(DL)
     back = _position_transition(line.heliocentric_state[:, :3], line.light_time_s, ephemeris.gm_km3_s2["sun"])
     return Observation(
         epoch=trajectory.epoch,

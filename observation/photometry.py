@@ -43,3 +43,19 @@ def apparent_magnitude(H: float, G: float, r_sun_km: Array, distance_km: Array, 
     phase_term = (slow - np.log(np.where(lost, 1.0, bright))) * 2.5 / np.log(10.0)
     magnitude = H + 5.0 * np.log10(r_sun_km * distance_km / AU_KM**2) + phase_term
     return np.where(lost, np.inf, magnitude)
+
+
+def trailing_loss(rate_rad_s: Array, exposure_s: float, fwhm_rad: float) -> Array:
+    """Magnitudes (n,) lost by a target that moves during the exposure.
+
+    Parameters
+    ----------
+    rate_rad_s : shape (n,), apparent speed; exposure_s, fwhm_rad : length of the exposure, width of a star image.
+
+    Notes
+    -----
+    1.25 lg(1 + 0.67 x^2 / (1 + 1.16 x)) with x = trail length / width: the loss in signal to noise for an optimal,
+    trail-shaped aperture (Jones et al. 2018, Icarus 303, 181, eq. 1).
+    """
+    x = rate_rad_s * exposure_s / fwhm_rad
+    return np.asarray(1.25 * np.log10(1.0 + 0.67 * x * x / (1.0 + 1.16 * x)))

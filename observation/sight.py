@@ -7,7 +7,7 @@ import numpy as np
 from nebosvod.dynamics.constants import SPEED_OF_LIGHT_KM_S
 from nebosvod.errors import InputError
 from nebosvod.observation.contracts import Array, Ephemeris, Trajectory
-from nebosvod.observation.direction import ra_dec
+from nebosvod.observation.direction import ra_dec, tangent_axes
 from nebosvod.observation.spacecraft import Spacecraft
 
 LIGHT_TIME_TOLERANCE_S = 1e-9
@@ -44,6 +44,18 @@ class Sight:
         scale = SPEED_OF_LIGHT_KM_S + np.einsum("ni,ni->n", self.u, V)
         L: Array = np.eye(3) - V[:, :, None] * (self.u / scale[:, None])[:, None, :]
         return L
+
+    def sky_partials(self) -> Array:
+        """D L (n, 2, 3), rad/km: partials of (cos Dec dRA, dDec) by the target's position less the telescope's."""
+        D = tangent_axes(self.psi) / self.distance_km[:, None, None]
+        partials: Array = D @ self.light_time_factor()
+        return partials
+
+    def rate(self, sky_partials: Array) -> Array:
+        """Apparent motion (n, 2) in RA cos Dec and Dec, rad/s: D L (V - v_telescope)."""
+        velocity = self.target_state[:, 3:] - self.telescope_state[:, 3:]
+        motion: Array = (sky_partials @ velocity[:, :, None])[:, :, 0]
+        return motion
 
 
 def sight(trajectory: Trajectory, spacecraft: Spacecraft, t_s: Array, ephemeris: Ephemeris) -> Sight:

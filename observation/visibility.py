@@ -9,7 +9,7 @@ import numpy.typing as npt
 from nebosvod.dynamics.constants import RADIUS_KM
 from nebosvod.observation.contracts import Array, Ephemeris, Trajectory
 from nebosvod.observation.direction import angle_between
-from nebosvod.observation.photometry import apparent_magnitude
+from nebosvod.observation.photometry import apparent_magnitude, trailing_loss
 from nebosvod.observation.sight import Sight, sight
 from nebosvod.observation.telescope import Telescope
 
@@ -24,11 +24,11 @@ class Visibility:
     ----------
     t_s : (n,) TDB seconds after the trajectory's epoch.
     visible : (n,) no limit removes the exposure.
-    removed : for each limit ("sun", "earth", "moon", "magnitude"), (n,) whether it removes the exposure.
+    removed : for each limit ("duty", "sun", "earth", "moon", "magnitude"), (n,) whether it removes the exposure.
     reason : (n,) the first limit, in that order, that removes the exposure; "" where visible.
     sun_angle_rad : (n,) to the Sun's centre; earth_limb_rad, moon_limb_rad : (n,) to the limb, negative on the disc.
     phase_rad : (n,) angle Sun - asteroid - telescope.
-    apparent_magnitude : (n,) V, nan where no H, G were given.
+    apparent_magnitude : (n,) V without trailing loss, nan where no H, G were given.
     """
 
     t_s: Array
@@ -87,15 +87,22 @@ def visibility(
     phase = angle_between(-line.heliocentric_state[:, :3], -line.u)
     r_sun = np.linalg.norm(line.heliocentric_state[:, :3], axis=1)
     V = np.full(line.t_s.size, np.nan)
+    loss = np.zeros(line.t_s.size)
     if magnitude is not None:
         V = apparent_magnitude(*magnitude, r_sun, line.distance_km, phase)
+        if telescope.fwhm_rad is not None:
+            speed = np.linalg.norm(line.rate(line.sky_partials()), axis=1)
+            loss = trailing_loss(speed, telescope.exposure_s, telescope.fwhm_rad)
     limit = np.inf if telescope.limiting_magnitude is None else telescope.limiting_magnitude
     removed = {
-        "sun": sun_hides | _closer(sun_angle, telescope.exclusion_sun_rad),
+        "duty": ~telescope.works(trajectory.epoch, line.t_s),
+        "sun": sun_hides
+        | _closer(sun_angle, telescope.exclusion_sun_rad)
+        | _closer(-sun_angle, None if telescope.largest_sun_rad is None else -telescope.largest_sun_rad),
         "earth": earth_hides | _closer(earth_limb, telescope.exclusion_earth_rad),
         "moon": moon_hides | _closer(moon_limb, telescope.exclusion_moon_rad),
         # nan > limit is False: without H, G the brightness limits nothing
-        "magnitude": limit < V,
+        "magnitude": limit < V + loss,
     }
     masks = list(removed.values())
     return Visibility(

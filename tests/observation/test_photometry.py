@@ -6,6 +6,7 @@ import pytest
 from nebosvod.dynamics.constants import AU_KM
 from nebosvod.errors import InputError
 from nebosvod.observation import apparent_magnitude
+from nebosvod.observation.photometry import trailing_loss
 
 
 def magnitude(H, G, r_au, d_au, phase_deg):
@@ -45,3 +46,11 @@ def test_a_negative_slope_parameter_ends_in_darkness_not_in_an_error():
 def test_H_and_G_out_of_range_are_refused(H, G):
     with pytest.raises(InputError, match="magnitude"):
         magnitude(H, G, 1.0, 1.0, 0.0)
+
+
+def test_trailing_costs_what_the_survey_formula_says():
+    # Jones et al. 2018: a trail as long as the image is wide, x = 1: 1.25 lg(1 + 0.67 / 2.16); none without motion
+    loss = trailing_loss(np.array([0.0, 1e-7, 1e-5]), 10.0, 1e-6)
+    np.testing.assert_allclose(loss[:2], [0.0, 1.25 * np.log10(1.0 + 0.67 / 2.16)], rtol=1e-12)
+    # long trails lose as the square root of their length, in signal to noise
+    assert loss[2] == pytest.approx(1.25 * np.log10(100.0 * 0.67 / 1.16), abs=0.02)

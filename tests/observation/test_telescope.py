@@ -5,6 +5,7 @@ import pytest
 
 from nebosvod.errors import InputError
 from nebosvod.observation import Geostationary, Telescope
+from nebosvod.timescale import Epoch
 
 HERE = Geostationary(longitude_rad=0.0)
 
@@ -31,6 +32,10 @@ def test_noise_is_diagonal_for_a_still_target():
         ("exclusion_earth_rad", -0.1),
         ("exclusion_moon_rad", np.nan),
         ("limiting_magnitude", np.inf),
+        ("largest_sun_rad", 3.2),
+        ("exposure_s", -1.0),
+        ("fwhm_rad", 0.0),
+        ("duty", ((Epoch.from_jd(2462000.5), Epoch.from_jd(2461999.5)),)),
     ],
 )
 def test_numbers_out_of_range_are_refused_with_the_telescopes_name(field, value):

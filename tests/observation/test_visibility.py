@@ -72,7 +72,7 @@ def test_without_H_and_G_brightness_limits_nothing(scene):
 
 def test_every_limit_is_counted_and_the_first_is_the_reason(scene):
     result = scene("sun", 10.0, 1.5e8, 1e7, exclusion_sun_rad=45 * DEG, magnitude=(25.0, 0.15), limiting_magnitude=20.0)
-    assert result.counts == {"sun": 1, "earth": 0, "moon": 0, "magnitude": 1}
+    assert result.counts == {"duty": 0, "sun": 1, "earth": 0, "moon": 0, "magnitude": 1}
     assert result.reason[0] == "sun"
     assert result.explain() == "0 of 1 epochs visible; removed by sun 1, magnitude 1"
 
@@ -90,6 +90,34 @@ def test_visible_is_exactly_where_there_is_no_reason(two_body, ephemeris):
     t_s = np.arange(0.0, 100.0, 0.1) * 86400.0
     result = visibility(telescope, two_body, t_s, ephemeris, magnitude=(19.1, 0.24))
     np.testing.assert_array_equal(result.visible, result.reason == "")
-    assert all(0 < count < t_s.size for count in result.counts.values())
+    assert all(0 < count < t_s.size for limit, count in result.counts.items() if limit != "duty")
     lost = np.any(list(result.removed.values()), axis=0)
     np.testing.assert_array_equal(result.visible, ~lost)
+
+
+@pytest.mark.parametrize(("angle", "seen"), [(84.0, False), (86.0, True), (134.0, True), (136.0, False)])
+def test_a_field_of_regard_is_a_ring_about_the_sun(scene, angle, seen):
+    result = scene("sun", angle, 1.5e8, 1e7, exclusion_sun_rad=85 * DEG, largest_sun_rad=135 * DEG)
+    assert result.visible[0] == seen
+    assert result.reason[0] == ("" if seen else "sun")
+
+
+def test_outside_its_duty_windows_a_telescope_sees_nothing(two_body, ephemeris, epoch):
+    windows = ((epoch + 86400.0, epoch + 2 * 86400.0), (epoch + 5 * 86400.0, epoch + 6 * 86400.0))
+    telescope = Telescope(name="A", spacecraft=Geostationary(longitude_rad=0.0), sigma_rad=1e-6, duty=windows)
+    t_s = np.array([0.0, 0.999, 1.0, 1.5, 2.0, 2.001, 5.5, 7.0]) * 86400.0
+    result = visibility(telescope, two_body, t_s, ephemeris)
+    np.testing.assert_array_equal(result.removed["duty"], [True, True, False, False, False, True, False, True])
+    assert result.reason[0] == "duty"
+
+
+def test_a_trailing_target_is_fainter_for_the_limit_but_not_in_the_sky(two_body, ephemeris):
+    t_s = np.arange(0.0, 20.0, 0.5) * 86400.0
+    fixed = {"name": "A", "spacecraft": Geostationary(longitude_rad=0.0), "sigma_rad": 1e-6}
+    short = visibility(Telescope(**fixed, limiting_magnitude=21.3), two_body, t_s, ephemeris, (19.1, 0.24))
+    trails = Telescope(**fixed, limiting_magnitude=21.3, exposure_s=600.0, fwhm_rad=1.0 * DEG / 3600.0)
+    long = visibility(trails, two_body, t_s, ephemeris, (19.1, 0.24))
+    np.testing.assert_array_equal(short.apparent_magnitude, long.apparent_magnitude)
+    lost = short.visible & ~long.visible
+    assert np.any(lost)
+    assert np.all(long.reason[lost] == "magnitude")
