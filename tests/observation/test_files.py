@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from jplephem.spk import SPK
+from scipy.interpolate import BarycentricInterpolator
 
 from nebosvod.errors import CoverageError, DataError, InputError
 from nebosvod.observation import read_oem, read_spk, table
@@ -188,14 +189,27 @@ class TestSpk:
         with pytest.raises(DataError, match="cannot be read"):
             read_spk(tmp_path / "absent.bsp")
 
-    def test_an_unsupported_type_is_named(self, jwst, tmp_path):
+    def retyped(self, jwst, tmp_path, kind):
+        """The file of JWST with another type number: types 9 and 13 have one layout."""
         raw = bytearray(jwst.read_bytes())
         place = raw.index(np.array([-170, 10, 1, 13], dtype="<i4").tobytes())
-        raw[place + 12 : place + 16] = np.array([21], dtype="<i4").tobytes()
-        other = tmp_path / "type21.bsp"
+        raw[place + 12 : place + 16] = np.array([kind], dtype="<i4").tobytes()
+        other = tmp_path / f"type{kind}.bsp"
         other.write_bytes(raw)
+        return other
+
+    def test_type_9_interpolates_positions_and_velocities_each_by_itself(self, jwst, tmp_path):
+        (segment,) = read_spk(self.retyped(jwst, tmp_path, 9)).segments
+        assert segment.method == "lagrange"
+        t_s = segment.t_s[300:304] + 40000.0
+        window = slice(298, 304)  # of the first: three points on either side
+        expected = BarycentricInterpolator(segment.t_s[window], segment.states[window])(t_s[:1])
+        np.testing.assert_allclose(segment.evaluate(t_s)[:1], expected, rtol=1e-12)
+        np.testing.assert_allclose(segment.evaluate(segment.t_s[:3]), segment.states[:3], rtol=1e-15)
+
+    def test_an_unsupported_type_is_named(self, jwst, tmp_path):
         with pytest.raises(DataError, match=r"SPK type \[21\]; types 2, 3, 9 and 13 are read"):
-            read_spk(other)
+            read_spk(self.retyped(jwst, tmp_path, 21))
 
 
 OEM = """CCSDS_OEM_VERS = 2.0

@@ -162,6 +162,14 @@ def test_a_renewed_orbit_error_is_constant_in_its_interval_and_new_in_the_next(o
     assert min(support.likelihood_ratio(independent, expected)) > 5e-4
 
 
+def test_a_renewed_orbit_error_starts_afresh_at_each_interval(observation, ephemeris, epoch):
+    kind = OrbitError(name="o", telescopes=("A",), covariance=COVARIANCE, frame="icrf", renewal_s=DAY, at_s=-0.1 * DAY)
+    term = kind.term(observation, ephemeris)
+    start_s = np.array([-0.1, -0.1, 0.9, 0.9, 1.9, 1.9]) * DAY
+    Phi = transitions(Geostationary(longitude_rad=0.0), ephemeris, epoch, start_s, observation.t_s[term.rows])
+    np.testing.assert_allclose(term.displacement, Phi[:, :3], rtol=1e-9, atol=1e-9)
+
+
 def test_a_renewed_orbit_error_acts_as_one_error_inside_an_interval(observation, ephemeris):
     whole = OrbitError(name="o", telescopes=("A",), covariance=COVARIANCE).term(observation, ephemeris)
     pieces = OrbitError(name="o", telescopes=("A",), covariance=COVARIANCE, renewal_s=10 * DAY).term(
