@@ -36,7 +36,7 @@ class Chain:
         root = np.zeros_like(self.P0)
         root[:, : start.shape[1]] = start
         innovation, gain = _filter(self.H, self.F, root_rows(self.Q), root, noise)
-        return ChainFilter(H=self.H, F=self.F, rows=self.rows, innovation=innovation, gain=gain)
+        return ChainFilter(H=self.H, F=self.F, rows=np.array(self.rows), innovation=innovation, gain=gain)
 
     def _noise_shape(self) -> tuple[int, int, int]:
         return len(self.rows), self.H.shape[1], self.H.shape[1]
@@ -74,7 +74,7 @@ def merge(nuisances: list[Markov]) -> list[Chain]:
 
 def _joined(group: list[Markov]) -> Chain:
     """Stack nuisances block by block; one that a row does not touch keeps its value across it."""
-    rows = np.unique(np.concatenate([nuisance.rows for nuisance in group]))
+    rows = group[0].rows if len(group) == 1 else np.unique(np.concatenate([each.rows for each in group]))
     size = sum(nuisance.P0.shape[0] for nuisance in group)
     n, p = len(rows), group[0].H.shape[1]
     H, F, Q, P0 = np.zeros((n, p, size)), np.zeros((n, size, size)), np.zeros((n, size, size)), np.zeros((size, size))

@@ -13,6 +13,7 @@ from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
+from scipy.special import gammaincinv
 
 from nebosvod.errors import InputError
 from nebosvod.estimation.estimate import Estimate, Solution, Status
@@ -27,7 +28,7 @@ Gain = Literal["formal", "schmidt", "as_printed"]
 GAINS = ("formal", "schmidt", "as_printed")
 
 
-def solve(problem: LinearProblem, gain: Gain = "formal") -> Estimate:
+def solve(problem: LinearProblem, gain: Gain = "formal", gate: float | None = None) -> Estimate:
     """Process the measurements in order with a chosen rule for the gain.
 
     Parameters
@@ -35,6 +36,8 @@ def solve(problem: LinearProblem, gain: Gain = "formal") -> Estimate:
     problem : every estimated parameter needs a prior here; time-correlated nuisances are for `recursive`.
     gain : "formal", "schmidt" (groups left out are known to the gain; K_formal is then its own claim), or
         "as_printed" (all but the state is left out and counted as fresh noise; warns, K_formal is what it claims).
+    gate : probability of a good measurement to pass (e.g. 0.999); one whose innovation lies outside is not used, and
+        the estimate's notes count them. None = use all.
 
     Raises
     ------
@@ -58,6 +61,8 @@ def solve(problem: LinearProblem, gain: Gain = "formal") -> Estimate:
     whitener = Whitener.of(problem)
     rows = whitened_rows(problem, partition, whitener)
     sweep = _Sweep.start(problem, partition)
+    if gate is not None:
+        sweep.limit = 2.0 * float(gammaincinv(0.5 * problem.p, gate))
     for k in range(problem.n):
         sweep.take(k, rows[k], _fresh(problem, whitener, k), gain)
     return _estimate(problem, partition, sweep)
@@ -76,6 +81,8 @@ class _Sweep:
     common: Array  # (s_y, D) response of the error to the draws of all priors
     fresh: dict[str, Array]
     chi2: float = 0.0
+    limit: float = np.inf
+    rejected: int = 0
 
     @classmethod
     def start(cls, problem: LinearProblem, partition: Partition) -> "_Sweep":
@@ -120,7 +127,11 @@ class _Sweep:
         K = solve_square(V, across).T
         keep = np.eye(self.size) - K @ H
         innovation = v - H @ self.y
-        self.chi2 += float(innovation @ solve_square(V, innovation))
+        nis = float(innovation @ solve_square(V, innovation))
+        if nis > self.limit:
+            self.rejected += 1
+            return
+        self.chi2 += nis
         self.y = self.y + K @ innovation
         if rule == "schmidt":
             cross = keep @ self.C @ H_j.T @ K.T
@@ -206,11 +217,12 @@ def _estimate(problem: LinearProblem, partition: Partition, sweep: _Sweep) -> Es
         left_out=partition.left_out,
         status=Status.CONVERGED,
         message=Status.CONVERGED.sentence,
-        dof=problem.residual.size,
+        dof=problem.residual.size - sweep.rejected * problem.p,
         condition_number=condition.number,
         rank=condition.rank,
         weak_direction=weak_direction(problem, partition, condition),
         solution=solution,
+        notes=(f"{sweep.rejected} of {problem.n} measurements left out by the gate",) if sweep.rejected else (),
     )
 
 

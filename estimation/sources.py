@@ -159,35 +159,47 @@ def _fresh_factors(
     live = [white for white in problem.white if white.treatment != "fixed"]
     chains = [markov for markov in problem.markov if markov.treatment != "fixed"]
     grams.update({white.name: np.zeros((size, size)) for white in live})
-    whole = bool(chains)
-    for start, stop, X in _gain_parts(whitener, rows, solved.S, whole):
-        for name, gram in _noise_grams(problem, start, stop, X):
+    X = _whole_gain(whitener, rows, solved.S) if chains else None
+    for start, stop, part in _gain_parts(whitener, rows, solved.S) if X is None else _parts(X):
+        for name, gram in _noise_grams(problem, start, stop, part):
             grams[name] += gram
         for white in live:
-            grams[white.name] += _white_gram(white, start, stop, X)
-        for markov in chains:  # `whole` made this the only part
-            grams[markov.name] = accumulated(markov, X)
+            grams[white.name] += _white_gram(white, start, stop, part)
+    if X is not None:
+        grams.update({markov.name: accumulated(markov, X) for markov in chains})
     base = partition.T @ solved.S
     pad = np.zeros((len(partition.left_out), size))
     both = np.vstack([base, pad])
     return {name: both @ gram_factor(gram) for name, gram in grams.items()}
 
 
-def _gain_parts(whitener: Whitener, rows: Array, S: Array, whole: bool) -> Iterator[tuple[int, int, Array]]:
-    """Yield (start, stop, X) with X (., p, s_y) = L^-T (whitened partials) S."""
-    n, p, _ = rows.shape
-    size = S.shape[0]
-    if whole or whitener.chains:
-        X = np.empty((n, p, S.shape[1]))
-        for start, stop in chunks(n):
-            X[start:stop] = rows[start:stop, :, :size] @ S
-        whitener.adjoint(X)
-        yield 0, n, X
-        return
-    for start, stop in chunks(n):
-        X = (np.ascontiguousarray(rows[start:stop, :, :size]).reshape(-1, size) @ S).reshape(stop - start, p, -1)
+def _gain_parts(whitener: Whitener, rows: Array, S: Array) -> Iterator[tuple[int, int, Array]]:
+    """Yield (start, stop, X) with X (., p, s_y) = L^-T (whitened partials) S; no time-correlated nuisance."""
+    for start, stop in chunks(len(rows)):
+        X = _times(rows[start:stop, :, : len(S)], S)
         whitener.adjoint_part(start, stop, X)
         yield start, stop, X
+
+
+def _whole_gain(whitener: Whitener, rows: Array, S: Array) -> Array:
+    """X of all measurements at once (n, p, s_y), which a time-correlated nuisance needs."""
+    X = np.empty((*rows.shape[:2], S.shape[1]))
+    for start, stop in chunks(len(rows)):
+        X[start:stop] = _times(rows[start:stop, :, : len(S)], S)
+    whitener.adjoint(X)
+    return X
+
+
+def _times(rows: Array, S: Array) -> Array:
+    """rows (n, p, s) times S as one product: a stacked matmul would call the library n times."""
+    flat: Array = np.ascontiguousarray(rows).reshape(-1, len(S)) @ S
+    return flat.reshape(*rows.shape[:2], S.shape[1])
+
+
+def _parts(X: Array) -> Iterator[tuple[int, int, Array]]:
+    """Yield X in parts that stay in the cache."""
+    for start, stop in chunks(len(X)):
+        yield start, stop, X[start:stop]
 
 
 def _noise_grams(problem: LinearProblem, start: int, stop: int, X: Array) -> Iterator[tuple[str, Array]]:
@@ -251,6 +263,5 @@ def measurement_gain(problem: LinearProblem) -> Array:
     if R.shape[0] < size or not conditioning(R).observable:
         raise GeometryError("measurement_gain: the problem is not observable")
     S = solve_upper(R, np.eye(size))
-    (_, _, X), *_ = _gain_parts(whitener, rows, S, True)
-    gain: Array = X @ (partition.T @ S).T
+    gain: Array = _whole_gain(whitener, rows, S) @ (partition.T @ S).T
     return gain

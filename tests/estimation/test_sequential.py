@@ -108,3 +108,19 @@ def test_what_it_cannot_do_is_refused(make_problem):
         sequential.solve(make_problem(z="markov", state_prior="own"))
     with pytest.raises(InputError, match="formal, schmidt, as_printed"):
         sequential.solve(make_problem(state_prior="own"), "best")  # type: ignore[arg-type]
+
+
+def test_the_gate_leaves_gross_errors_out_counts_them_and_saves_the_estimate(make_problem):
+    problem = make_problem(seed=6, state_prior="own", n=60)
+    rng = np.random.default_rng(0)
+    clean = 0.5 * rng.normal(size=(60, 2))
+    spoilt = clean.copy()
+    spoilt[[20, 41]] += 1e4
+    good = sequential.solve(replace(problem, residual=clean))
+    gated = sequential.solve(replace(problem, residual=spoilt), gate=0.9999)
+    assert gated.notes == ("2 of 60 measurements left out by the gate",)
+    assert gated.dof == good.dof - 4
+    sigma = np.sqrt(np.diag(good.K_true))
+    assert np.max(np.abs(gated.mean - good.mean) / sigma) < 3.0
+    assert np.max(np.abs(sequential.solve(replace(problem, residual=spoilt)).mean - good.mean) / sigma) > 100.0
+    assert good.notes == ()
