@@ -87,7 +87,7 @@ def _draw(axes: Any, K: Array, formal: Array | None, leaders: bool) -> None:
 
 def _label(axes: Any, line: Array, text: str, leaders: bool) -> None:
     """Name one ellipse: above it, or, where the ellipses lie too close for that, beside the picture with a leader."""
-    look = {"fontsize": 8, "color": INK}
+    look = {"fontsize": 8, "color": INK, "bbox": {"facecolor": "white", "alpha": 0.65, "lw": 0, "pad": 0.6}}
     top, right = line[np.argmax(line[:, 1])], line[np.argmax(line[:, 0])]
     if not leaders:
         axes.annotate(text, top, xytext=(0, 2), textcoords="offset points", ha="center", va="bottom", **look)

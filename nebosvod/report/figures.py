@@ -116,7 +116,7 @@ def residuals(run: RunFolder, estimator: Item) -> Plate | None:
             axes.set_title(f"{run.telescopes[i]}, {part}", loc="left")
         panels[row, 0].set_ylabel(f"residual, {unit}")
     for axes in panels[-1]:
-        time_axis(axes, run.epoch, t)
+        time_axis(axes, run.epoch, t, right=0.12)
         axes.xaxis.set_major_locator(_every_other(axes))
     label = f"Residuals of the estimator {estimator['name']} in right ascension and declination, by telescope"
     return plate(fig, "residuals", label, _residual_caption(run, estimator, after, sigma, np.asarray(index), seen))

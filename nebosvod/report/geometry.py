@@ -28,10 +28,8 @@ def plan_view(run: RunFolder) -> Plate | None:
     _draw_tracks(axes, arc, earth, state)
     remote = [i for i in range(len(run.telescopes)) if _is_remote(place, earth, index == i)]
     for i in remote:
-        mine = plan(place[index == i])
-        axes.plot(
-            *mine[thin(len(mine), 300)].T, color=SERIES[i % 6][0], lw=1.4, ls=(0, (1, 1)), label=run.telescopes[i]
-        )
+        mine = _unbroken(plan(place[index == i]))
+        axes.plot(*mine.T, color=SERIES[i % 6][0], lw=1.4, ls=(0, (1, 1)), label=run.telescopes[i])
         axes.plot(*mine[-1], SERIES[i % 6][1], color=SERIES[i % 6][0], ms=5)
     for k in np.unique(np.linspace(0, len(place) - 1, SIGHT_LINES).astype(int)):
         axes.plot(*np.stack([plan(place[k]), plan(state[k, :3])], axis=1), color=GREY, lw=0.5, zorder=1)
@@ -51,6 +49,14 @@ def plan(position_km: Array) -> Array:
     """ICRF positions (..., 3) in km -> ecliptic x, y (..., 2) in au."""
     y = position_km[..., 1] * np.cos(OBLIQUITY_RAD) + position_km[..., 2] * np.sin(OBLIQUITY_RAD)
     return np.stack([position_km[..., 0], y], axis=-1) / AU_KM
+
+
+def _unbroken(points: Array) -> Array:
+    """Points (n, 2) of a path, thinned, with a break (NaN) where a telescope did not measure for long."""
+    points = points[thin(len(points), 300)]
+    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    gaps = np.flatnonzero(steps > 5.0 * np.median(steps)) if len(steps) else np.empty(0, dtype=int)
+    return np.insert(points, gaps + 1, np.nan, axis=0)
 
 
 def _is_remote(place: Array, earth: Array, mine: Any) -> bool:

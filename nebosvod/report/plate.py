@@ -28,7 +28,6 @@ INK, BLUE, VERMILION, GREEN, ORANGE, PURPLE, SKY, GREY = (
     "#1a1a1a", "#0072B2", "#D55E00", "#009E73", "#E69F00", "#CC79A7", "#56B4E9", "#767676",
 )  # fmt: skip
 SERIES = ((BLUE, "o"), (VERMILION, "s"), (GREEN, "^"), (PURPLE, "D"), (ORANGE, "v"), (SKY, "P"))
-RIGHT = 0.03  # of a time axis that stays without a date at its right end
 POINTS = 1500  # at most so many markers a panel: more cannot be seen and only make the page heavy
 
 STYLE: dict[Any, Any] = {
@@ -130,15 +129,19 @@ def _lead(value: float) -> int:
     return round(value / 10.0 ** math.floor(math.log10(value) + 1e-9))
 
 
-def time_axis(axes: Any, epoch: Epoch, t_s: Array) -> None:
-    """Label an x axis, which counts days after `epoch`, with calendar dates (TDB)."""
+def time_axis(axes: Any, epoch: Epoch, t_s: Array, right: float = 0.03) -> None:
+    """Label an x axis, which counts days after `epoch`, with calendar dates (TDB).
+
+    The last part `right` of the axis stays without a date, which would be cut.
+    """
     low, high = float(np.min(t_s)) / SECONDS_PER_DAY, float(np.max(t_s)) / SECONDS_PER_DAY
     pad = 0.02 * (high - low) or 0.5
     axes.set_xlim(low - pad, high + pad)
     origin = datetime.fromisoformat(epoch.iso(digits=0).removesuffix(" TDB"))
     marks, pattern = _dates(origin + timedelta(days=low - pad), origin + timedelta(days=high + pad))
-    if pattern != "%Y":  # a long label at the right end would be cut
-        marks = [m for m in marks if (m - origin).total_seconds() / SECONDS_PER_DAY < high + pad - RIGHT * (high - low)]
+    if pattern != "%Y":
+        end = high + pad - right * (high - low)
+        marks = [m for m in marks if (m - origin).total_seconds() / SECONDS_PER_DAY < end]
     axes.xaxis.set_major_locator(FixedLocator([(m - origin).total_seconds() / SECONDS_PER_DAY for m in marks]))
     texts = [m.strftime(pattern) for m in marks]
     axes.xaxis.set_major_formatter(FuncFormatter(lambda _, i: texts[i] if i is not None and i < len(texts) else ""))

@@ -75,6 +75,12 @@ def test_telescopes_are_drawn_apart_from_the_earth_only_where_they_are(run: RunF
     assert "cannot be told" not in far.caption
 
 
+def test_path_of_a_telescope_is_not_drawn_across_a_gap() -> None:
+    x = np.concatenate([np.arange(10.0), np.arange(60.0, 70.0)])
+    drawn = geometry._unbroken(np.stack([x, 0 * x], axis=1))
+    assert np.flatnonzero(np.isnan(drawn[:, 0])).tolist() == [10]
+
+
 @pytest.mark.parametrize("days", [0.04, 0.5, 3, 10, 40, 76, 144, 400, 3650, 36500])
 def test_a_time_axis_has_a_few_dates_inside_it(days: float) -> None:
     with plate.style():
@@ -87,6 +93,13 @@ def test_a_time_axis_has_a_few_dates_inside_it(days: float) -> None:
     assert max(ticks) <= high
     texts = [axes.xaxis.get_major_formatter()(x, i) for i, x in enumerate(ticks)]
     assert len(set(texts)) == len(texts)
+
+
+def test_no_date_stands_at_the_right_end_where_it_would_be_cut() -> None:
+    with plate.style():
+        axes = plate.figure(5.0, 2.0).subplots()
+        plate.time_axis(axes, EPOCH, np.array([0.0, 137.5 * 86400.0]), right=0.12)
+    assert max(axes.xaxis.get_major_locator().locs) < 0.9 * 137.5
 
 
 def test_ticks_stand_at_the_dates_they_name() -> None:
