@@ -114,7 +114,7 @@ def test_a_geostationary_pair_knows_the_distance_as_parallax_says(
     make_setting: Callable[[Mission], Setting], apophis: Mission
 ) -> None:
     """One simultaneous pair 180 deg apart: sigma_rho = sqrt(2) s rho^2 / B, B across the line of sight."""
-    scene, _, nominal = make_setting(apophis)
+    _, _, nominal = make_setting(apophis)
     seen, sigma = nominal.observation, 0.1 * np.pi / 648000.0
     target = seen.target_state[0, :3]
     to_target = target - seen.telescope_state[:2, :3].mean(axis=0)
