@@ -41,7 +41,7 @@ def kernel(t, k, w, phi):
 
 
 def test_the_family_is_positive_definite_up_to_its_edge_and_not_beyond():
-    t = np.linspace(0.0, 10.0, 400)
+    t = np.linspace(0.0, 10.0, 150)
     k, w = 0.5, 1.5
     edge = np.arctan(k / w)
     for phi in (edge, -edge, 0.0):
