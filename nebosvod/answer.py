@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.table import Table
 
 BUDGET_ROWS = 6
+UNITS = {"m_s": "m/s"}  # as read, where the key cannot say it
 
 
 def print_answer(summary: Mapping[str, Any], folder: Path, console: Console | None = None) -> None:
@@ -65,9 +66,9 @@ def _predictions(summary: Mapping[str, Any]) -> Table:
     for row in summary["predictions"]:
         if row["estimator"] != first:
             continue
-        unit = "arcsec" if "semi_axes_arcsec" in row else "km/s" if "semi_axes_km_s" in row else "km"
-        axes = row.get("semi_axes_arcsec") or row.get("semi_axes_km") or row.get("semi_axes_km_s") or row["sigma_km"]
-        table.add_row(_plain(row["name"]), row["plane"], " x ".join(_number(axis) for axis in axes) + f" {unit}")
+        unit = next(key.removeprefix("semi_axes_") for key in row if key.startswith("semi_axes_"))
+        axes, shown = row[f"semi_axes_{unit}"], UNITS.get(unit, unit)
+        table.add_row(_plain(row["name"]), row["plane"], " x ".join(_number(axis) for axis in axes) + f" {shown}")
     return table
 
 

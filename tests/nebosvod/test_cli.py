@@ -191,6 +191,20 @@ def test_output_has_no_colour_when_it_is_not_a_terminal(tmp_path: Path) -> None:
     assert str(tmp_path / "run" / "report.html") in done.stdout.replace("\n", "")
 
 
+def test_the_answer_names_every_kind_of_prediction_with_its_unit(
+    tmp_path: Path, minimal_text: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "planes.yaml"
+    at = "at: 2028-04-29T00:00:00 TDB"
+    rows = [f"  - {{name: p{i}, plane: {plane}, {at}}}" for i, plane in enumerate(("rtn", "rtn_velocity", "position"))]
+    rows.append(f"  - {{name: seen, plane: sky, from: ahead, {at}}}")
+    path.write_text(minimal_text + "\n".join(rows) + "\n", "utf-8")
+    assert main(["run", str(path), "-o", str(tmp_path / "run")]) == 0
+    out = capsys.readouterr().out
+    for unit in (" km", " m/s", " arcsec"):
+        assert unit in out
+
+
 def test_a_closed_pipe_is_not_an_error() -> None:
     command = f"{sys.executable} -m nebosvod schema | head -c 10"
     done = subprocess.run(
