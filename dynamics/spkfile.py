@@ -1,7 +1,7 @@
-"""SPK files (NAIF DAF/SPK, type 2): their Chebyshev series as memory-mapped arrays.
+"""SPK files (NAIF DAF/SPK, type 2): reading their Chebyshev series as memory-mapped arrays.
 
 jplephem reads the summaries; the coefficients are mapped, not copied, so that the 645 MB of the full asteroid file
-cost nothing until an arc of it is used.
+cost nothing until an arc of it is used. (Writing a trajectory: spkwriter.py.)
 """
 
 import struct

@@ -1,6 +1,7 @@
 """Trajectory: epochs, states, Phi and zeta, and the same at any other time of the integrated span."""
 
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
@@ -83,6 +84,22 @@ class Trajectory:
     def state_at(self, t_s: npt.ArrayLike) -> Array:
         """Heliocentric states alone, shape (n, 6), km, km/s, at any times of the span."""
         return self._table.evaluate(_inside(t_s, self._table), variations=False)[0]
+
+    def to_spk(self, path: str | Path, target: int, name: str = "nebosvod") -> int:
+        """Write the whole span as an SPK file of object number `target`; see spkwriter.py. Returns its segments."""
+        from nebosvod.dynamics.spkwriter import write_spk
+
+        return write_spk(self, Path(path), target, name)
+
+    def to_oem(
+        self, path: str | Path, *, object_name: str, object_id: str, created: str, covariance: Array | None = None
+    ) -> None:
+        """Write the states at `t_s` as an OEM, the covariance (6, 6) at the epoch carried along; see oemwriter.py."""
+        from nebosvod.dynamics.oemwriter import write_oem
+
+        write_oem(
+            self, Path(path), object_name=object_name, object_id=object_id, created=created, covariance=covariance
+        )
 
 
 def make_trajectory(
