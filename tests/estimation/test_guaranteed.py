@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from nebosvod.errors import GeometryError, InputError
-from nebosvod.estimation import Block, LinearProblem, batch, guaranteed
+from nebosvod.estimation import Block, LinearProblem, Prior, White, batch, guaranteed
 
 
 def test_the_textbook_square_gives_one_and_a_half():
@@ -71,3 +71,16 @@ def test_an_undetermined_quantity_is_said_to_be_so():
 def test_time_correlated_nuisances_are_refused(make_problem):
     with pytest.raises(InputError, match="time-correlated"):
         guaranteed.bound(make_problem(z="markov"), np.eye(1), ("x",))
+
+
+def test_priors_and_nuisances_are_boxes_of_the_stated_level():
+    """A prior of sigma 2 alone bounds x by 2 level; a nuisance of sigma 5 widens a measurement by 5 level."""
+    n = 2
+    block = Block(name="x", names=("x",), H=np.ones((n, 1, 1)))
+    prior = Prior(name="x", names=("x",), covariance=[[4.0]])
+    weak = LinearProblem(residual=np.zeros((n, 1)), R=[[1e6]], blocks=(block,), priors=(prior,))
+    for level in (1.0, 3.0):
+        assert guaranteed.bound(weak, np.eye(1), level=level).upper[0] == pytest.approx(2.0 * level, rel=1e-7)
+    white = White(name="z", H=np.ones((n, 1, 1)), Q=[[25.0]], rows=np.arange(n))
+    free = LinearProblem(residual=np.zeros((n, 1)), R=[[1.0]], blocks=(block,), white=(white,))
+    assert guaranteed.bound(free, np.eye(1), level=2.0).upper[0] == pytest.approx(12.0, rel=1e-7)
