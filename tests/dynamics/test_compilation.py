@@ -1,8 +1,12 @@
 """Kernels compile once, and again when any of their sources changes."""
 
+import subprocess
+import sys
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pytest
 
 from nebosvod.dynamics import compilation, integrator, propagate
 from nebosvod.timescale import Epoch
@@ -19,11 +23,14 @@ def test_cache_is_present_after_the_first_run(full_forces: Any, neo: tuple[Epoch
     assert integrator.is_compiled_cache_present()
 
 
-def test_kernel_never_used_and_never_kept_is_not_compiled() -> None:
-    @compilation.kernel
-    def unused(x: float) -> float:
-        return x
+@pytest.mark.parametrize(("used", "kept", "wanted"), [((), {}, False), ((), {"a": 1}, True), (("a",), {}, True)])
+def test_kernel_is_ready_when_used_here_or_kept_on_disk(used: Any, kept: Any, wanted: bool) -> None:
+    index = SimpleNamespace(_load_index=lambda: kept)
+    function: Any = SimpleNamespace(signatures=used, _cache=SimpleNamespace(_cache_file=index))
+    assert compilation.is_compiled(function) is wanted
 
-    assert not compilation.is_compiled(unused)
-    unused(1.0)
-    assert compilation.is_compiled(unused)
+
+@pytest.mark.parametrize("name", ["constants", "ephemeris", "elements", "frames", "twobody"])
+def test_modules_without_kernels_do_not_load_the_compiler(name: str) -> None:
+    code = f"import sys, nebosvod.dynamics.{name}; sys.exit('numba' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
