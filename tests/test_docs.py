@@ -1,0 +1,185 @@
+"""The documentation says what is so: links lead somewhere, commands run, outputs and examples are real."""
+
+import contextlib
+import io
+import re
+import shlex
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from nebosvod import load_mission
+from nebosvod.cli import main
+from nebosvod.result import Result
+
+ROOT = Path(__file__).parent.parent
+PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md")])
+LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")
+FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
+SAVE_AS = re.compile(r"[Ss]ave (?:it|this) as\s+`([\w.-]+)`")
+COMMANDS = ("run", "check", "init", "missions", "report", "schema")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Fence:
+    """A fenced block of a page: its language, its text, and the prose since the block before it."""
+
+    language: str
+    text: str
+    prose: str
+
+
+def fences(page: Path) -> Iterator[Fence]:
+    """All fenced blocks of a page in order."""
+    text = page.read_text("utf-8")
+    end = 0
+    for found in FENCE.finditer(text):
+        yield Fence(language=found[1], text=found[2], prose=text[end : found.start()])
+        end = found.end()
+
+
+def dialogue(text: str) -> list[tuple[str, list[str]]]:
+    """The commands of a console block, each with the output shown for it."""
+    steps: list[tuple[str, list[str]]] = []
+    for line in text.splitlines():
+        if line.startswith("$ "):
+            steps.append((line[2:], []))
+        elif steps:
+            steps[-1][1].append(line)
+    return steps
+
+
+def words(lines: list[str]) -> list[list[str]]:
+    """Lines as words: neither blank lines nor the width of columns matter, nor which keys a message allows."""
+    return [re.sub(r"\(allowed here: [^)]*\)", "", line).split() for line in lines if line.strip()]
+
+
+def said(command: str) -> tuple[int, list[str]]:
+    """Exit code and everything printed by a `nebosvod` command, run inside this process."""
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        code = main(shlex.split(command)[1:])
+    return code, (out.getvalue() + err.getvalue()).splitlines()
+
+
+def slip(mission: Path) -> None:
+    """Make the two slips that the quick start speaks of."""
+    text = mission.read_text("utf-8")
+    mission.write_text(text.replace("0.1 arcsec", "0.1").replace("cadence", "cadance"), "utf-8")
+
+
+def follow(page: Path) -> list[str]:
+    """Do what a page says, in the current folder: save files, run commands and Python; returns what differs."""
+    differences, saved, printed = [], "", ""
+    for fence in fences(page):
+        name = SAVE_AS.search(fence.prose)
+        if fence.language == "yaml" and name:
+            saved = fence.text
+            Path(name[1]).write_text(saved, "utf-8")
+        elif fence.language == "console":
+            misspelt = "misspelt" in fence.prose
+            for command, shown in dialogue(fence.text):
+                if misspelt:
+                    slip(Path(shlex.split(command)[-1]))
+                code, lines = said(command)
+                if code != (2 if misspelt else 0):
+                    differences.append(f"{command}: exit code {code}: {lines[-1:]}")
+                if shown and words(lines) != words(shown):
+                    new = [line for line in lines if words([line]) and words([line])[0] not in words(shown)]
+                    differences.append(f"{command}: prints otherwise:\n" + "\n".join(new))
+                if misspelt:
+                    Path(shlex.split(command)[-1]).write_text(saved, "utf-8")
+        elif fence.language == "python":
+            out = io.StringIO()
+            with contextlib.redirect_stdout(out):
+                exec(compile(fence.text, str(page), "exec"), {"__name__": "__main__"})
+            printed = out.getvalue()
+        elif fence.language == "text" and printed:
+            if words(printed.splitlines()) != words(fence.text.splitlines()):
+                differences.append(f"Python prints otherwise:\n{printed}")
+            printed = ""
+    return differences
+
+
+@pytest.fixture
+def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty current folder, and a terminal of the width that the pages show."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "80")
+    return tmp_path
+
+
+@pytest.fixture(scope="module")
+def minimal_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The run folder of `minimal`, under its default name."""
+    folder = tmp_path_factory.mktemp("pages") / "minimal-run"
+    code, lines = said(f"nebosvod run minimal -o {folder}")
+    assert code == 0, lines
+    return folder
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_relative_link_leads_to_a_file(page: Path) -> None:
+    targets = [target for target in LINK.findall(page.read_text("utf-8")) if "://" not in target]
+    missing = [target for target in targets if not (page.parent / target.partition("#")[0]).exists()]
+    assert missing == []
+
+
+def test_every_page_stands_in_the_table_of_contents() -> None:
+    listed = LINK.findall((ROOT / "docs" / "index.md").read_text("utf-8"))
+    assert {page.name for page in (ROOT / "docs").glob("*.md")} - {"index.md"} <= set(listed)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_command_shown_is_a_command_of_the_program(page: Path) -> None:
+    shown = re.findall(r"^(?:\$ |    )nebosvod (\w+)", page.read_text("utf-8"), re.MULTILINE)
+    assert [command for command in shown if command not in COMMANDS] == []
+
+
+def test_following_the_readme_gives_what_the_readme_shows(elsewhere: Path) -> None:
+    assert follow(ROOT / "README.md") == []
+    assert load_mission("first.yaml").name == "first"
+
+
+def test_following_the_quick_start_gives_what_it_shows(elsewhere: Path) -> None:
+    assert follow(ROOT / "docs" / "quickstart.md") == []
+
+
+def test_the_mission_of_the_readme_has_twelve_lines(elsewhere: Path) -> None:
+    (mission,) = (fence for fence in fences(ROOT / "README.md") if fence.language == "yaml")
+    assert len(mission.text.splitlines()) == 12
+
+
+def test_python_examples_of_the_report_page_run(minimal_run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(minimal_run.parent)
+    assert follow(ROOT / "docs" / "report.md") == []
+
+
+def test_the_report_page_names_every_key_array_and_table_of_a_run(minimal_run: Path) -> None:
+    page = (ROOT / "docs" / "report.md").read_text("utf-8")
+    result = Result.load(minimal_run)
+    keys = set(result.summary) | set(result.manifest)
+    for block in ("estimators", "predictions", "budget", "visibility"):
+        keys |= set(result.summary[block][0])
+    keys |= {name.removesuffix("_batch") for name in result.arrays}
+    keys |= {f"tables/{name}.ecsv" for name in result.tables if not name.endswith("_batch")}
+    assert sorted(key for key in keys if f"`{key}" not in page) == []
+
+
+def test_the_picture_of_the_report_is_small_enough_for_a_front_page() -> None:
+    size = (ROOT / "docs" / "report.png").stat().st_size
+    assert 10_000 < size < 300_000
+
+
+def test_shapes_said_of_the_arrays_are_theirs(minimal_run: Path) -> None:
+    page = (ROOT / "docs" / "report.md").read_text("utf-8")
+    arrays = Result.load(minimal_run).arrays
+    sizes = {"n": len(arrays["epoch_s"]), "m": len(arrays["parameter_names"]), "b": len(arrays["bias_names"])}
+    rows = re.findall(r"^\| `(\w+)` \| \(([^)]*)\)", page, re.MULTILINE)
+    assert len(rows) > 10
+    for name, shape in rows:
+        wanted = [int(sizes.get(part, part)) for part in shape.split(", ")]
+        assert wanted == list(np.shape(arrays[name])), name
