@@ -138,13 +138,8 @@ def linear_problem(
 
 
 def nuisance_treatment(scene: Scene, estimator: Estimator, name: str) -> Treatment:
-    """What an estimator does with the nuisance of this name, as `bias NEB-1` or `telescope position NEB-1`."""
-    for telescope in scene.telescopes:
-        if name == f"bias {telescope.name}":
-            return scene.mission.treatment(estimator, "bias", telescope.name)
-        if name == f"telescope position {telescope.name}":
-            return scene.mission.treatment(estimator, "position", telescope.name)
-    raise KeyError(name)
+    """What an estimator does with the source of this name."""
+    return scene.mission.source_treatment(estimator, scene.sources[name])
 
 
 def _observation(scene: Scene, trajectory: Trajectory) -> Observation:

@@ -14,6 +14,7 @@ import numpy.typing as npt
 from nebosvod.dynamics import Encounter, Trajectory, find_encounters, perigee_distance, target_plane
 from nebosvod.errors import InputError
 from nebosvod.estimation import Estimate, ellipse
+from nebosvod.impact import entry_point, impact, osculating_perigee
 from nebosvod.mission.request import EncounterPrediction, Prediction, SkyPrediction, StatePrediction
 from nebosvod.observation import observe
 from nebosvod.prior import STATE_NAMES
@@ -118,17 +119,25 @@ def _state(scene: Scene, trajectory: Trajectory, request: StatePrediction) -> Qu
 
 def _encounter(scene: Scene, trajectory: Trajectory, request: EncounterPrediction) -> Quantity:
     """Crossing of a target plane, or the smallest distance, km."""
-    event = _nearest_encounter(scene, trajectory, request)
+    event, hits = _nearest_encounter(scene, trajectory, request)
     epoch = trajectory.epoch + event.t_s
     facts: dict[str, Any] = {
         "body": request.body,
+        "impact": hits,
         "closest_approach_tdb": epoch.iso(),
         "closest_distance_km": event.distance_km,
         "speed_km_s": event.speed_km_s,
     }
+    if request.plane == "entry":
+        return _entry(trajectory, event, request, facts)
     if request.plane == "perigee_distance":
-        distance, by_state, by_parameters = perigee_distance(trajectory, event)
+        distance, by_state, by_parameters = (osculating_perigee if hits else perigee_distance)(trajectory, event)
         return _make(request, epoch, "km", np.array([distance]), by_state, by_parameters, trajectory, facts)
+    if hits and request.plane == "mtp":
+        raise InputError(
+            f"predictions: {request.name}: the orbit hits {request.body} on {epoch.iso(digits=0)} and has no closest "
+            "approach for mtp; use b_plane or entry"
+        )
     plane = target_plane(trajectory, event, kind=request.plane)
     return _make(
         request,
@@ -138,19 +147,38 @@ def _encounter(scene: Scene, trajectory: Trajectory, request: EncounterPredictio
         plane.partials_state,
         plane.partials_parameters,
         trajectory,
-        facts,
+        facts | {"capture_radius_km": plane.capture_radius_km},
     )
 
 
-def _nearest_encounter(scene: Scene, trajectory: Trajectory, request: EncounterPrediction) -> Encounter:
+def _entry(trajectory: Trajectory, event: Encounter, request: EncounterPrediction, facts: dict[str, Any]) -> Quantity:
+    """Point of entry at an altitude: downrange and crossrange over the ground, km."""
+    try:
+        entry = entry_point(trajectory, event, request.altitude or 0.0)
+    except InputError as error:
+        raise InputError(f"predictions: {request.name}: {error}") from None
+    facts |= {"altitude_km": request.altitude, "speed_km_s": entry.speed_km_s}
+    facts["path_below_horizon_deg"] = float(np.degrees(entry.elevation_rad))
+    if request.body == "earth":
+        facts["longitude_deg"] = float(np.degrees(entry.longitude_rad))
+        facts["latitude_geocentric_deg"] = float(np.degrees(entry.latitude_rad))
+    by_state, by_parameters = entry.partials_state, entry.partials_parameters
+    return _make(request, entry.epoch, "km", None, by_state, by_parameters, trajectory, facts)
+
+
+def _nearest_encounter(scene: Scene, trajectory: Trajectory, request: EncounterPrediction) -> tuple[Encounter, bool]:
+    """The closest approach nearest in time to `near`, and whether it is an impact."""
     when = request.near - scene.epoch
-    events = find_encounters(trajectory, request.body)
+    events = [(event, False) for event in find_encounters(trajectory, request.body)]
+    hit = impact(trajectory, request.body)
+    if hit is not None:
+        events.append((hit, True))
     if not events:
         raise InputError(
             f"predictions: {request.name}: the orbit has no closest approach to {request.body} between "
-            f"{scene.epoch + scene.span_s[0]} and {scene.epoch + scene.span_s[1]}; change near or body"
+            f"{scene.epoch + trajectory.span_s[0]} and {scene.epoch + trajectory.span_s[1]}; change near or body"
         )
-    return min(events, key=lambda event: abs(event.t_s - when))
+    return min(events, key=lambda event: abs(event[0].t_s - when))
 
 
 def prediction_row(asked: Quantity, estimate: Estimate, estimator: str) -> dict[str, Any]:

@@ -3,8 +3,8 @@
 mission (what a file says) -> scene (objects of the stages, evaluated on the nominal orbit).
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
@@ -13,20 +13,10 @@ from nebosvod.dynamics import Ephemeris, ForceModel, Nongrav, RadiationPressure,
 from nebosvod.dynamics.elements import cometary_to_state, equinoctial_to_state, keplerian_to_state
 from nebosvod.dynamics.frames import R_icrf_from_ecliptic
 from nebosvod.errors import GeometryError
-from nebosvod.mission import Mission
-from nebosvod.observation import (
-    ConstantBias,
-    ConstantPosition,
-    GaussMarkovPosition,
-    Geostationary,
-    HeliocentricCompanion,
-    Nuisance,
-    Spacecraft,
-    Telescope,
-    Visibility,
-    WhitePosition,
-    visibility,
-)
+from nebosvod.impact import follow
+from nebosvod.instruments import nuisance, telescopes
+from nebosvod.mission import Mission, Source
+from nebosvod.observation import Nuisance, Telescope, Visibility, visibility
 from nebosvod.timescale import SECONDS_PER_DAY, Epoch
 
 Array = npt.NDArray[np.float64]
@@ -45,9 +35,11 @@ class Scene:
     state : (6,) reference state, heliocentric ICRF at the mission's reference epoch.
     telescopes : in the order of the mission.
     visibilities : one for each telescope, at its scheduled epochs.
-    nuisances : what is uncertain about the telescopes, with the mission's own treatment.
+    sources : what the mission says is uncertain about telescopes that measure anything, by name.
+    nuisances : the same sources as observation knows them, in the same order.
     span_s : first and last time the orbit is needed, TDB seconds after the reference epoch.
-    trajectory : the reference orbit over the span.
+    needed_s : the last of these times that somebody asks about; an orbit may hit a body after it.
+    trajectory : the reference orbit over the span, or to its impact.
     """
 
     mission: Mission
@@ -56,8 +48,10 @@ class Scene:
     state: Array
     telescopes: tuple[Telescope, ...]
     visibilities: tuple[Visibility, ...]
+    sources: Mapping[str, Source]
     nuisances: tuple[Nuisance, ...]
     span_s: tuple[float, float]
+    needed_s: float
     trajectory: Trajectory
 
     @property
@@ -71,8 +65,8 @@ class Scene:
         return seen.t_s[seen.visible]
 
     def propagate(self, state: Array, forces: ForceModel, *, sensitivities: bool = True) -> Trajectory:
-        """The orbit from a state at the reference epoch over the span of the scene."""
-        return propagate(state, self.epoch, np.array(self.span_s), forces, sensitivities=sensitivities)
+        """The orbit from a state at the reference epoch over the span of the scene, or to its impact."""
+        return follow(state, self.epoch, self.span_s, self.needed_s, forces, sensitivities)
 
 
 def build_scene(mission: Mission) -> Scene:
@@ -82,37 +76,45 @@ def build_scene(mission: Mission) -> Scene:
     ------
     CoverageError, DataError
         If an epoch is outside the ephemeris, or it is missing or damaged.
+    EventError
+        If the orbit hits a body before the last measurement or state asked for.
     GeometryError
         If no telescope sees the object at any epoch; the message says which limit removed how many.
     """
-    ephemeris = Ephemeris.load(_ephemeris_path(mission))
+    ephemeris = Ephemeris.load(mission.ephemeris_path)
     forces = force_model(mission, ephemeris)
-    span = _span(mission)
+    span, needed = _span(mission)
     ephemeris.require(mission.reference_epoch, np.array(span), asteroids=mission.force_model.asteroids)
     state = reference_state(mission, forces)
-    trajectory = propagate(state, mission.reference_epoch, np.array(span), forces)
-    telescopes = tuple(_telescope(mission, number) for number in range(len(mission.telescopes)))
+    trajectory = follow(state, mission.reference_epoch, span, needed, forces, True)
+    instruments = telescopes(mission)
     magnitude = mission.object.magnitude
     law = (magnitude.H, magnitude.G) if magnitude is not None else None
     visibilities = tuple(
-        visibility(telescope, trajectory, mission.times_s(telescope.name), ephemeris, law) for telescope in telescopes
+        visibility(telescope, trajectory, mission.times_s(telescope.name), ephemeris, law) for telescope in instruments
     )
     if not any(seen.visible.any() for seen in visibilities):
-        lines = [f"{telescope.name}: {seen.explain()}" for telescope, seen in zip(telescopes, visibilities)]
+        lines = [f"{telescope.name}: {seen.explain()}" for telescope, seen in zip(instruments, visibilities)]
         raise GeometryError(
             f"{mission.name}: no epoch is visible; nothing to estimate from ("
             + "; ".join(lines)
             + "); loosen that limit or move the schedule"
         )
+    seeing = {t.name for t, seen in zip(instruments, visibilities) if seen.visible.any()}
+    active = {s.name: s for s in mission.sources if seeing & set(s.telescopes)}
     return Scene(
         mission=mission,
         ephemeris=ephemeris,
         forces=forces,
         state=state,
-        telescopes=telescopes,
+        telescopes=instruments,
         visibilities=visibilities,
-        nuisances=_nuisances(mission, visibilities),
+        sources=active,
+        nuisances=tuple(
+            nuisance(s, mission, tuple(name for name in s.telescopes if name in seeing)) for s in active.values()
+        ),
         span_s=span,
+        needed_s=needed,
         trajectory=trajectory,
     )
 
@@ -168,86 +170,17 @@ def reference_state(mission: Mission, forces: ForceModel) -> Array:
     return carried
 
 
-def _ephemeris_path(mission: Mission) -> Path | None:
-    """The planetary ephemeris the mission names, beside its file; None to take the one found."""
-    said = mission.force_model.ephemeris
-    if said is None or mission.path is None:
-        return None
-    return mission.path.parent / said
-
-
-def _span(mission: Mission) -> tuple[float, float]:
-    """First and last time the orbit is needed, TDB seconds after the reference epoch, with margins."""
+def _span(mission: Mission) -> tuple[tuple[float, float], float]:
+    """First and last time the orbit is needed, TDB s after the reference epoch, with margins; the last without any."""
     times = [0.0]
     for telescope in mission.telescopes:
         scheduled = mission.times_s(telescope.name)
         if scheduled.size:
             times += [float(scheduled[0]), float(scheduled[-1])]
+    times += [item.when - mission.reference_epoch for item in mission.predictions if not hasattr(item, "near")]
+    needed = max(times)
     for prediction in mission.predictions:
-        when = prediction.when - mission.reference_epoch
-        margin = ENCOUNTER_MARGIN_S if hasattr(prediction, "near") else 0.0
-        times += [when - margin, when + margin]
-    return min(times) - MARGIN_S, max(times) + MARGIN_S
-
-
-def _spacecraft(mission: Mission, number: int) -> Spacecraft:
-    orbit = mission.telescopes[number].orbit
-    if orbit.kind == "geostationary":
-        return Geostationary(longitude_rad=orbit.longitude)
-    return HeliocentricCompanion(lead_rad=orbit.lead)
-
-
-def _telescope(mission: Mission, number: int) -> Telescope:
-    said = mission.telescopes[number]
-    return Telescope(
-        name=said.name,
-        spacecraft=_spacecraft(mission, number),
-        sigma_rad=np.array(said.noise.sigma_rad),
-        timing_sigma_s=said.noise.timing,
-        exclusion_sun_rad=said.exclusion.sun,
-        exclusion_earth_rad=said.exclusion.earth,
-        exclusion_moon_rad=said.exclusion.moon,
-        limiting_magnitude=said.limiting_magnitude,
-    )
-
-
-def _nuisances(mission: Mission, visibilities: tuple[Visibility, ...]) -> tuple[Nuisance, ...]:
-    """Bias and position error of each telescope that measures anything."""
-    found: list[Nuisance] = []
-    for said, seen in zip(mission.telescopes, visibilities):
-        if not seen.visible.any():
-            continue
-        if said.bias is not None:
-            found.append(
-                ConstantBias(
-                    name=f"bias {said.name}",
-                    telescopes=(said.name,),
-                    sigma_rad=np.array(said.bias.sigma_rad or (0.0, 0.0)),
-                    mean_rad=np.array(said.bias.mean_rad),
-                    treatment=said.bias.treatment,
-                )
-            )
-        if said.position is not None:
-            found.append(_position_error(said.name, mission))
-    return tuple(found)
-
-
-def _position_error(telescope: str, mission: Mission) -> Nuisance:
-    said = mission.telescope(telescope).position
-    if said is None:
-        raise ValueError(f"{telescope} has no position error")
-    name, sigma = f"telescope position {telescope}", np.array(said.sigma_km)
-    if said.correlation == "white":
-        return WhitePosition(name=name, telescope=telescope, sigma_km=sigma, frame=said.frame, treatment=said.treatment)
-    if said.correlation == "constant":
-        return ConstantPosition(
-            name=name, telescopes=(telescope,), sigma_km=sigma, frame=said.frame, treatment=said.treatment
-        )
-    return GaussMarkovPosition(
-        name=name,
-        telescopes=(telescope,),
-        sigma_km=sigma,
-        time_s=said.time or 0.0,
-        frame=said.frame,
-        treatment=said.treatment,
-    )
+        if hasattr(prediction, "near"):
+            when = prediction.when - mission.reference_epoch
+            times += [when - ENCOUNTER_MARGIN_S, when + ENCOUNTER_MARGIN_S]
+    return (min(times) - MARGIN_S, max(times) + MARGIN_S), needed

@@ -14,6 +14,7 @@ from nebosvod.fitting import Fit
 from nebosvod.predictions import M_PER_KM, Quantity, prediction_row
 from nebosvod.prior import STATE_NAMES, PriorTable
 from nebosvod.scene import Scene
+from nebosvod.timescale import SECONDS_PER_DAY
 
 Array = npt.NDArray[np.float64]
 SCHEMA_VERSION = 1
@@ -107,7 +108,7 @@ def estimator_row(scene: Scene, priors: PriorTable, fit: Fit) -> dict[str, Any]:
         "factor_formal_km_km_s": lower_factor(estimate.S_formal[index]).tolist(),
         **_sigmas("sigma", true),
         **_sigmas("sigma_formal", formal),
-        "parameters": _parameters(priors, fit),
+        "parameters": _parameters(scene, priors, fit),
     }
 
 
@@ -138,17 +139,17 @@ def _sigmas(prefix: str, covariance: Array) -> dict[str, float]:
     }
 
 
-def _parameters(priors: PriorTable, fit: Fit) -> dict[str, dict[str, float | None]]:
-    """Prior and posterior sigma and value of everything beside the state; angles of biases in arcsec."""
+def _parameters(scene: Scene, priors: PriorTable, fit: Fit) -> dict[str, dict[str, float | None]]:
+    """Prior and posterior sigma and value of everything beside the state; units of nuisances in the key names."""
     values = fit.point.values
     rows: dict[str, dict[str, float | None]] = {}
-    angles = {name for term in fit.seen.terms if term.displacement is None for name in term.names}
+    units = {name: _unit(scene, term.name, name) for term in fit.seen.terms for name in term.names}
     for name in (*fit.estimate.names, *fit.estimate.left_out):
         if name in STATE_NAMES:
             continue
         before = fit.prior_sigmas.get(name, priors.sigma(name))
-        key, scale = (f"{name}_arcsec", ARCSEC_PER_RAD) if name in angles else (name, 1.0)
-        rows[key] = {
+        unit, scale = units.get(name, ("", 1.0))
+        rows[f"{name}_{unit}" if unit else name] = {
             "prior_sigma": None if before is None else before * scale,
             "sigma": fit.estimate.sigma(name) * scale,
             "estimate": values[name] * scale,
@@ -157,6 +158,16 @@ def _parameters(priors: PriorTable, fit: Fit) -> dict[str, dict[str, float | Non
 
 
 ARCSEC_PER_RAD = float(np.degrees(1.0) * 3600.0)
+
+
+def _unit(scene: Scene, source: str, name: str) -> tuple[str, float]:
+    """Unit of a parameter of a source in the summary, and the factor from the internal one."""
+    group = scene.sources[source].group
+    if group == "bias":
+        return ("arcsec_d", ARCSEC_PER_RAD * SECONDS_PER_DAY) if name.endswith(" drift") else ("arcsec", ARCSEC_PER_RAD)
+    if group == "position":
+        return ("km_s", 1.0) if name.endswith(" rate") else ("km", 1.0)
+    return ("s", 1.0) if group == "timing" else ("", 1.0)
 
 
 def _ratio(ratio: NoiseToNuisance | None) -> dict[str, Any]:

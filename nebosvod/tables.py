@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from nebosvod.assembly import View
 from nebosvod.fitting import Fit
-from nebosvod.observation import residual
+from nebosvod.observation import Common, residual
 from nebosvod.predictions import ARCSEC, Quantity, prediction_row
 from nebosvod.prior import STATE_NAMES
 from nebosvod.report.folder import slug
@@ -25,7 +25,7 @@ def all_arrays(scene: Scene, nominal: View, fits: Sequence[Fit], psi: Array) -> 
     """Everything in arrays.npz; the computed rows are those of the nominal orbit."""
     seen = nominal.observation
     at = nominal.trajectory.at(seen.t_s)
-    biases = [term for term in nominal.terms if term.name.startswith("bias ")]
+    biases = [term for term in nominal.terms if isinstance(term, Common) and scene.sources[term.name].group == "bias"]
     sun = scene.ephemeris.position_km("sun", scene.epoch, seen.t_s)
     track_t_s = np.linspace(seen.t_s[0], seen.t_s[-1], TRACK_POINTS)
     arrays: Arrays = {
@@ -86,7 +86,11 @@ def all_tables(
 ) -> dict[str, Table]:
     """The tables of a run, for people and spreadsheets."""
     found = [one for one in fits if one.estimate.solution is not None]
-    tables = {"measurements": _measurements(scene, nominal, psi), "residuals": _residuals(nominal, found, psi)}
+    tables = {
+        "measurements": _measurements(scene, nominal, psi),
+        "residuals": _residuals(nominal, found, psi),
+        "visibility": _visibility(scene),
+    }
     if found:
         tables["budget"] = _rows_table(
             [row for one in found for row in budget_rows(one)],
@@ -123,6 +127,34 @@ def _measurements(scene: Scene, nominal: View, psi: Array) -> Table:
         },
         units={"t": "s", "ra": "deg", "dec": "deg", "sigma_ra": "arcsec", "sigma_dec": "arcsec", "distance": "km"},
         description="Simulated measurements: astrometric ICRF right ascension and declination",
+    )
+
+
+def _visibility(scene: Scene) -> Table:
+    """Every scheduled epoch of every telescope: seen, or the first limit that removes it."""
+    seen = scene.visibilities
+    names = [np.full(one.t_s.size, telescope.name) for telescope, one in zip(scene.telescopes, seen)]
+    t_s = np.concatenate([one.t_s for one in seen])
+    order = np.argsort(t_s, kind="stable")
+    reason = np.concatenate([one.reason for one in seen])
+    columns: Arrays = {
+        "epoch_tdb": np.array([(scene.epoch + float(t)).iso() for t in t_s]),
+        "t": t_s,
+        "telescope": np.concatenate(names),
+        "visible": np.concatenate([one.visible for one in seen]),
+        "reason": np.where(reason == "", "-", reason),
+        "sun_angle": np.degrees(np.concatenate([one.sun_angle_rad for one in seen])),
+        "earth_limb": np.degrees(np.concatenate([one.earth_limb_rad for one in seen])),
+        "moon_limb": np.degrees(np.concatenate([one.moon_limb_rad for one in seen])),
+        "phase": np.degrees(np.concatenate([one.phase_rad for one in seen])),
+        "magnitude": np.concatenate([one.apparent_magnitude for one in seen]),
+    }
+    angles = dict.fromkeys(("sun_angle", "earth_limb", "moon_limb", "phase"), "deg")
+    return Table(
+        columns={name: values[order] for name, values in columns.items()},
+        units={"t": "s", "magnitude": "mag", **angles},
+        description="Scheduled exposures: seen, or the first limit that removes them (- where none does); angles from "
+        "the Sun's centre and from the limb of Earth and Moon; V without trailing loss, nan without H and G",
     )
 
 

@@ -55,6 +55,11 @@ ANGLE = _dimension(
     {"arcsec": DEG / 3600, "mas": DEG / 3.6e6, "arcmin": DEG / 60, "deg": DEG, "rad": 1.0},
     degree="deg", degrees="deg",
 )  # fmt: skip
+ANGLE_RATE = _dimension(
+    "angular rate", "an", "0.1 arcsec/d",
+    {"arcsec/d": DEG / 3600 / DAY_S, "mas/d": DEG / 3.6e6 / DAY_S, "arcsec/h": DEG / 3600 / 3600, "deg/d": DEG / DAY_S,
+     "rad/s": 1.0},
+)  # fmt: skip
 LENGTH = _dimension("length", "a", "3 km", {"m": 1e-3, "km": 1.0, "au": AU_KM}, AU="au")
 SPEED = _dimension(
     "speed", "a", "0.5 m/s", {"mm/s": 1e-6, "m/s": 1e-3, "km/s": 1.0, "au/d": AU_KM / DAY_S}
@@ -70,7 +75,7 @@ DENSITY = _dimension(
 ACCELERATION = _dimension(
     "non-gravitational parameter", "a", "-2.9e-14 au/d^2", {"au/d^2": 1.0}, au_per_d2="au/d^2", AU_per_d2="au/d^2"
 )  # fmt: skip
-DIMENSIONS = (ANGLE, LENGTH, SPEED, DURATION, RADIUS, MASS, DENSITY, ACCELERATION)
+DIMENSIONS = (ANGLE, ANGLE_RATE, LENGTH, SPEED, DURATION, RADIUS, MASS, DENSITY, ACCELERATION)
 
 
 def quantity(value: object, dimension: Dimension) -> float:

@@ -18,8 +18,11 @@ from nebosvod.mission.request import (
     StatePrediction,
 )
 from nebosvod.mission.schema import mission_schema
+from nebosvod.mission.sources import Shared, Source
+from nebosvod.mission.spacecraft import Geostationary, Heliocentric
 from nebosvod.mission.target import Parameter, Target
-from nebosvod.mission.telescope import Bias, Geostationary, Heliocentric, Noise, Position, Telescope
+from nebosvod.mission.telescope import Noise, Telescope
+from nebosvod.mission.uncertainty import Bias, Photocentre, Position, Timing
 
 __all__ = [
     "SCHEMA_VERSION",
@@ -34,13 +37,17 @@ __all__ = [
     "Mission",
     "Noise",
     "Parameter",
+    "Photocentre",
     "Position",
     "Prior",
+    "Shared",
     "SigmaPrior",
     "SkyPrediction",
+    "Source",
     "StatePrediction",
     "Target",
     "Telescope",
+    "Timing",
     "Treatment",
     "estimate_cost",
     "list_missions",

@@ -10,7 +10,19 @@ from pydantic_core import CoreSchema, core_schema
 
 from nebosvod.errors import InputError
 from nebosvod.timescale import HINT, Epoch
-from nebosvod.units import ACCELERATION, ANGLE, DENSITY, DURATION, LENGTH, MASS, RADIUS, SPEED, Dimension, quantity
+from nebosvod.units import (
+    ACCELERATION,
+    ANGLE,
+    ANGLE_RATE,
+    DENSITY,
+    DURATION,
+    LENGTH,
+    MASS,
+    RADIUS,
+    SPEED,
+    Dimension,
+    quantity,
+)
 
 Treatment = Literal["fixed", "ignored", "considered", "estimated"]
 TREATMENTS: tuple[Treatment, ...] = ("fixed", "ignored", "considered", "estimated")
@@ -104,6 +116,9 @@ Speed = Annotated[float, measured(SPEED)]
 PositiveSpeed = Annotated[float, _positive(SPEED)]
 PositiveDuration = Annotated[float, _positive(DURATION)]
 Duration = Annotated[float, measured(DURATION, 0.0, text="0 or more")]
+Offset = Annotated[float, measured(DURATION)]
+LocalTime = Annotated[float, measured(DURATION, 0.0, 86399.999, text="0 h to below 24 h")]
+PositiveAngleRate = Annotated[float, _positive(ANGLE_RATE)]
 Size = Annotated[float, _positive(RADIUS)]
 MassKg = Annotated[float, _positive(MASS)]
 DensityKgM3 = Annotated[float, _positive(DENSITY)]

@@ -5,6 +5,7 @@ from typing import Any
 
 from nebosvod.errors import InputError
 from nebosvod.mission.fields import KeyPath
+from nebosvod.mission.telescope import MAX_TELESCOPES
 from nebosvod.yamlfile import Tree, parse_yaml, read_text, shown
 
 Complaint = tuple[KeyPath, str]
@@ -46,6 +47,14 @@ def resolve_files(tree: dict[str, Tree], folder: Path | None) -> tuple[dict[str,
             inside(folder, plan["ephemeris"])
         except InputError as error:
             found.append((("force_model", "ephemeris"), str(error)))
+    rows = tree.get("telescopes")
+    for i, row in enumerate(rows[:MAX_TELESCOPES] if isinstance(rows, list) else []):
+        carrier = row.get("orbit") if isinstance(row, dict) else None
+        if isinstance(carrier, dict) and carrier.get("file") is not None:
+            try:
+                inside(folder, carrier["file"])
+            except InputError as error:
+                found.append((("telescopes", i, "orbit", "file"), str(error)))
     target = tree.get("object")
     orbit = target.get("orbit") if isinstance(target, dict) else None
     if isinstance(target, dict) and isinstance(orbit, dict) and orbit.get("kind") == "sbdb":

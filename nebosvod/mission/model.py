@@ -26,6 +26,7 @@ from nebosvod.mission.request import (
     ReportPlan,
     internal_covariance,
 )
+from nebosvod.mission.sources import Shared, Source, sources
 from nebosvod.mission.target import Parameter, Target
 from nebosvod.mission.telescope import MAX_TELESCOPES, Telescope
 from nebosvod.timescale import Epoch
@@ -67,6 +68,7 @@ class Mission(Block):
     reference_epoch: When = Field(description="Epoch of the estimated state")
     object: Target
     telescopes: Annotated[Several[Telescope], Field(min_length=1, max_length=MAX_TELESCOPES)]
+    shared: Annotated[Several[Shared], Field(max_length=MAX_TELESCOPES)] = ()
     schedule: Annotated[Several[Arc], Field(min_length=1, max_length=1000)]
     prior: PriorChoice = "none"
     estimators: Annotated[Several[Estimator], Field(min_length=1, max_length=100)] = (DEFAULT_ESTIMATOR,)
@@ -93,9 +95,16 @@ class Mission(Block):
     @property
     def input_files(self) -> tuple[Path, ...]:
         """Files beside the mission file that it reads, for the record."""
-        orbit = self.object.orbit
-        named = (orbit.file if isinstance(orbit, SbdbOrbit) else None, self.force_model.ephemeris)
-        return tuple((self._path.parent / name).resolve() for name in named if name is not None and self._path)
+        carriers = (telescope.orbit for telescope in self.telescopes)
+        named = [getattr(orbit, "file", None) for orbit in (self.object.orbit, *carriers)]
+        named.append(self.force_model.ephemeris)
+        given = dict.fromkeys(name for name in named if name is not None)
+        return tuple(self.beside(name) for name in given if self._path)
+
+    def beside(self, name: str) -> Path:
+        """The path of a file named in the mission, relative to the mission's own."""
+        folder = self._path.parent if self._path is not None else Path()
+        return (folder / name).resolve()
 
     @property
     def text(self) -> str:
@@ -128,23 +137,22 @@ class Mission(Block):
         """Parameters that at least one estimator does not hold fixed: the columns of zeta."""
         return tuple(p for p in self.parameters if any(self.treatment(e, p.group) != "fixed" for e in self.estimators))
 
-    def treatment(self, estimator: Estimator, group: str, telescope: str | None = None) -> Treatment:
-        """What an estimator does with a group: its own word, first for one telescope, else the mission's.
+    @property
+    def sources(self) -> tuple[Source, ...]:
+        """Everything uncertain about the telescopes, in the order of the file."""
+        return tuple(sources(self.telescopes, self.shared, self.object))
 
-        Parameters
-        ----------
-        group : a parameter's group (`Parameter.group`), "bias" or "position".
-        telescope : the telescope's name, for bias and position; absent errors count as fixed.
-        """
-        own = estimator.treatment
-        for key in (f"{group} {telescope}", group):
-            if key in own:
-                return own[key]
-        if telescope is not None:
-            instrument = self.telescope(telescope)
-            error = instrument.bias if group == "bias" else instrument.position
-            return error.treatment if error is not None else "fixed"
+    def treatment(self, estimator: Estimator, group: str) -> Treatment:
+        """What an estimator does with a group of dynamic parameters (`Parameter.group`)."""
+        if group in estimator.treatment:
+            return estimator.treatment[group]
         return next((p.treatment for p in self.parameters if p.group == group), "fixed")
+
+    @staticmethod
+    def source_treatment(estimator: Estimator, source: Source) -> Treatment:
+        """What an estimator does with a source: its own word, the most particular one, else the mission's."""
+        own = (estimator.treatment[key] for key in source.keys if key in estimator.treatment)
+        return next(own, source.error.treatment)
 
     def telescope(self, name: str) -> Telescope:
         """The telescope of a name."""
@@ -153,7 +161,7 @@ class Mission(Block):
     def times_s(self, telescope: str) -> Array:
         """Scheduled epochs (n,) of a telescope: TDB seconds after the reference epoch, ascending, each once."""
         parts = [
-            (arc.start - self.reference_epoch) + arc.cadence * np.arange(arc.count)
+            (arc.start - self.reference_epoch) + arc.after_start_s()
             for arc in self.schedule
             if arc.telescopes == "all" or telescope in arc.telescopes
         ]

@@ -83,8 +83,8 @@ def _refuse_newer(file: YamlFile, tree: dict[str, Tree]) -> None:
 
 
 def _repeated_names(tree: dict[str, Tree], explainer: Explainer) -> Iterator[tuple[KeyPath, str]]:
-    """Telescopes, estimators and predictions are told apart by their names."""
-    for part in ("telescopes", "estimators", "predictions"):
+    """Telescopes, shared sources, estimators and predictions are told apart by their names."""
+    for part in ("telescopes", "shared", "estimators", "predictions"):
         rows = tree.get(part)
         first: dict[str, int] = {}
         for i, row in enumerate(rows if isinstance(rows, list) else []):

@@ -25,7 +25,7 @@ from nebosvod.mission.telescope import MAX_TELESCOPES
 from nebosvod.timescale import Epoch
 
 METHODS = ("batch_qr", "batch_blocks", "batch_identity", "recursive")
-GROUPS = ("radius", "mass", "albedo", "thermal_emission", "A1", "A2", "A3", "a1_residual", "bias", "position")
+PARAMETER_GROUPS = ("radius", "mass", "albedo", "thermal_emission", "A1", "A2", "A3", "a1_residual")
 
 
 def _names(value: Any) -> Any:
@@ -46,23 +46,39 @@ TelescopeNames = Annotated[
 
 
 class Arc(Block):
-    """Measurements from start to end (both included) at a steady cadence."""
+    """Visits from start to end (both included) at a steady cadence, each of one or several exposures."""
 
     telescopes: TelescopeNames = "all"
     start: When
     end: When
     cadence: PositiveDuration
+    exposures: Annotated[int, Field(ge=1, le=1000, description="Of each visit")] = 1
+    spacing: PositiveDuration | None = Field(None, description="From exposure to exposure of a visit")
 
     def complaints(self) -> list[tuple[KeyPath, str]]:
-        """The end does not precede the start."""
+        """The end does not precede the start; a visit ends before the next one."""
         if self.end < self.start:
             return [(("end",), f"end is before start (got end {self.end}, start {self.start})")]
+        if (self.exposures > 1) != (self.spacing is not None):
+            return [(("spacing",), "goes with exposures: several of them, and the time from one to the next")]
+        if self.spacing is not None and (self.exposures - 1) * self.spacing >= self.cadence:
+            return [(("spacing",), f"a visit of {self.exposures} exposures lasts longer than the cadence")]
         return []
+
+    @property
+    def visits(self) -> int:
+        """How many visits the arc has."""
+        return math.floor((self.end - self.start) / self.cadence + 1e-9) + 1
 
     @property
     def count(self) -> int:
         """How many epochs the arc has."""
-        return math.floor((self.end - self.start) / self.cadence + 1e-9) + 1
+        return self.visits * self.exposures
+
+    def after_start_s(self) -> Array:
+        """Epochs (count,), s after the start."""
+        visit = self.cadence * np.arange(self.visits)
+        return (visit[:, None] + (self.spacing or 0.0) * np.arange(self.exposures)).ravel()
 
 
 class SigmaPrior(Block):
@@ -136,7 +152,8 @@ class Estimator(Block):
     method: Literal["batch_qr", "batch_blocks", "batch_identity", "recursive"]
     treatment: dict[str, Treatment] = Field(
         default_factory=dict,
-        description=f"Treatment by group: {', '.join(GROUPS)}; of one telescope: 'bias NAME', 'position NAME'",
+        description=f"Treatment by group: {', '.join(PARAMETER_GROUPS)}, bias, position, timing, photocentre; "
+        "of one telescope: 'bias NAME', 'position NAME', 'timing NAME'; or any source by its name in the budget",
     )
     iterations: Annotated[int, Field(ge=1, le=200, description="Cap of Gauss-Newton iterations")] = 20
 
@@ -172,9 +189,18 @@ class EncounterPrediction(Block):
     """The error on the target plane of an encounter, or of its smallest distance."""
 
     name: Text
-    plane: Literal["b_plane", "mtp", "perigee_distance"]
+    plane: Literal["b_plane", "mtp", "perigee_distance", "entry"]
     body: Literal["mercury", "venus", "earth", "moon", "mars", "jupiter", "saturn", "uranus", "neptune"] = "earth"
     near: When = Field(description="About when the encounter is; the closest one in time is taken")
+    altitude: PositiveLength | None = Field(None, description="Above the surface, of plane entry")
+
+    def complaints(self) -> list[tuple[KeyPath, str]]:
+        """An altitude is where the atmosphere is entered."""
+        if (self.altitude is not None) != (self.plane == "entry"):
+            return [(("altitude",), 'goes with plane entry, which needs it, for example "100 km"')]
+        if self.altitude is not None and not 50.0 <= self.altitude <= 1e5:
+            return [(("altitude",), f"is out of range (got {self.altitude:g} km; allowed 50 km to 100000 km)")]
+        return []
 
     @property
     def when(self) -> Epoch:

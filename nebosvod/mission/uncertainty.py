@@ -1,0 +1,193 @@
+"""What is uncertain about telescopes: biases, positions, clocks, the photocentre; each with its treatment."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from nebosvod.mission.covariance import Matrix
+from nebosvod.mission.fields import (
+    Angle,
+    Block,
+    KeyPath,
+    Offset,
+    PositiveAngle,
+    PositiveAngleRate,
+    PositiveDuration,
+    PositiveLength,
+    PositiveNumber,
+    PositiveSpeed,
+    Several,
+    Size,
+    Treatment,
+    Uncertain,
+    When,
+)
+
+Pair = tuple[float, float]
+Complaint = tuple[KeyPath, str]
+ThreeLengths = Annotated[Several[PositiveLength], Field(min_length=3, max_length=3)]
+ThreeSpeeds = Annotated[Several[PositiveSpeed], Field(min_length=3, max_length=3)]
+
+
+def one_or_pair(one: float | None, ra: float | None, dec: float | None) -> list[Complaint]:
+    """Complain unless there is exactly `sigma`, or both of sigma_ra and sigma_dec."""
+    if one is not None and (ra is not None or dec is not None):
+        return [(("sigma",), "stands beside sigma_ra or sigma_dec; keep either sigma or the pair")]
+    if one is None and (ra is None or dec is None):
+        return [(("sigma",), "is missing (or sigma_ra and sigma_dec)")]
+    return []
+
+
+def _misplaced(block: Block, correlation: str, owners: dict[str, tuple[str, bool]]) -> list[Complaint]:
+    """Keys that belong to one correlation only: complain where they are missing there, or stand elsewhere.
+
+    owners : key -> (the correlation it belongs to, whether that one needs it).
+    """
+    found: list[Complaint] = []
+    for key, (owner, needed) in owners.items():
+        said = getattr(block, key) is not None
+        if said and correlation != owner:
+            found.append(((key,), f"belongs to {owner} only (got correlation {correlation})"))
+        if needed and not said and correlation == owner:
+            found.append(((key,), f"is missing; {owner} needs it"))
+    return found
+
+
+class Bias(Block):
+    """An error of RA* and Dec that does not average out: its size, how it changes, and its treatment."""
+
+    sigma: PositiveAngle | None = None
+    sigma_ra: PositiveAngle | None = None
+    sigma_dec: PositiveAngle | None = None
+    mean_ra: Angle = 0.0
+    mean_dec: Angle = 0.0
+    correlation: Literal["constant", "drift", "per_arc", "gauss_markov", "per_zone"] = "constant"
+    drift: PositiveAngleRate | None = Field(None, description="Sigma of the drift, each axis")
+    epoch: When | None = Field(None, description="Where bias and drift are independent; the reference epoch if absent")
+    gap: PositiveDuration | None = Field(None, description="A longer pause begins a new arc, of per_arc")
+    time: PositiveDuration | None = Field(None, description="Correlation time of gauss_markov")
+    zone: PositiveAngle | None = Field(None, description="Side of a zone of the sky, of per_zone")
+    treatment: Treatment
+
+    def complaints(self) -> list[Complaint]:
+        """Keys that fit the correlation; either sigma or both of the pair."""
+        owners = {
+            "drift": ("drift", True),
+            "epoch": ("drift", False),
+            "gap": ("per_arc", True),
+            "time": ("gauss_markov", True),
+            "zone": ("per_zone", True),
+        }
+        found = _misplaced(self, self.correlation, owners)
+        for key in ("mean_ra", "mean_dec"):
+            if getattr(self, key) != 0.0 and self.correlation != "constant":
+                found.append(((key,), f"belongs to constant only (got correlation {self.correlation})"))
+        if self.zone is not None and not 0.001 <= self.zone <= 3.15:
+            found.append((("zone",), "is out of range (allowed 0.06 deg to 180 deg)"))
+        sigmas = (self.sigma, self.sigma_ra, self.sigma_dec)
+        if self.correlation == "constant" and self.treatment in ("estimated", "fixed") and not any(sigmas):
+            return found  # unknown beforehand, or exactly its mean
+        return found + one_or_pair(*sigmas)
+
+    @property
+    def sigma_rad(self) -> Pair | None:
+        """Sigma in RA* and Dec, rad; None = no prior."""
+        if not (self.sigma or self.sigma_ra):
+            return None
+        return (self.sigma_ra or self.sigma or 0.0, self.sigma_dec or self.sigma or 0.0)
+
+    @property
+    def mean_rad(self) -> Pair:
+        """Expected bias in RA* and Dec, rad."""
+        return (self.mean_ra, self.mean_dec)
+
+    @property
+    def has_sigma(self) -> bool:
+        """Whether something is said about its size."""
+        return self.sigma_rad is not None
+
+
+class Position(Block):
+    """Error of the telescope's own position: size on each axis, how it is correlated in time, and its treatment."""
+
+    sigma: PositiveLength | None = Field(None, description="On every axis")
+    sigmas: ThreeLengths | None = Field(None, description="One for each axis of the frame")
+    correlation: Literal["white", "constant", "gauss_markov", "orbit_error"]
+    time: PositiveDuration | None = Field(None, description="Correlation time of gauss_markov")
+    velocity_sigma: PositiveSpeed | None = Field(None, description="On every axis, of orbit_error")
+    velocity_sigmas: ThreeSpeeds | None = Field(None, description="One for each axis, of orbit_error")
+    covariance: Matrix | None = Field(None, description="6 x 6 of the state, km and km/s, instead of sigmas")
+    epoch: When | None = Field(None, description="Of the orbit_error; the reference epoch when absent")
+    renewal: PositiveDuration | None = Field(None, description="The orbit is determined anew this often")
+    frame: Literal["icrf", "rtn"] = "icrf"
+    treatment: Treatment
+
+    def complaints(self) -> list[Complaint]:
+        """Keys that fit the correlation, and one form of each sigma."""
+        orbit = ("velocity_sigma", "velocity_sigmas", "covariance", "epoch", "renewal")
+        owners = {"time": ("gauss_markov", True), **dict.fromkeys(orbit, ("orbit_error", False))}
+        found = _misplaced(self, self.correlation, owners)
+        if self.covariance is not None:
+            forms = ("sigma", "sigmas", "velocity_sigma", "velocity_sigmas")
+            found += [((key,), "stands beside covariance; keep one") for key in forms if getattr(self, key) is not None]
+            if len(self.covariance) != 6:
+                found.append((("covariance",), f"needs 6 rows (got {len(self.covariance)}): x y z vx vy vz"))
+            return found
+        if (self.sigma is None) == (self.sigmas is None):
+            found.append(((), "needs either sigma (every axis) or sigmas (a list of three)"))
+        if self.correlation == "orbit_error" and (self.velocity_sigma is None) == (self.velocity_sigmas is None):
+            found.append(((), "needs either velocity_sigma (every axis) or velocity_sigmas (a list of three)"))
+        return found
+
+    @property
+    def sigma_km(self) -> tuple[float, float, float]:
+        """Sigma on the three axes of the frame, km."""
+        if self.covariance is not None:
+            return (self.covariance[0, 0] ** 0.5, self.covariance[1, 1] ** 0.5, self.covariance[2, 2] ** 0.5)
+        if self.sigmas is not None:
+            return (self.sigmas[0], self.sigmas[1], self.sigmas[2])
+        return (self.sigma or 0.0,) * 3
+
+    @property
+    def sigma_km_s(self) -> tuple[float, float, float]:
+        """Sigma of the velocity on the three axes of the frame, km/s."""
+        if self.velocity_sigmas is not None:
+            return (self.velocity_sigmas[0], self.velocity_sigmas[1], self.velocity_sigmas[2])
+        return (self.velocity_sigma or 0.0,) * 3
+
+    @property
+    def has_sigma(self) -> bool:
+        """A position error always has one."""
+        return True
+
+
+class Timing(Block):
+    """A clock that is wrong by the same time in all exposures; positive: exposed later than recorded."""
+
+    sigma: PositiveDuration | None = None
+    mean: Offset = 0.0
+    treatment: Treatment
+
+    def complaints(self) -> list[Complaint]:
+        """What is wrong in truth must say how much."""
+        if self.sigma is None and self.treatment in ("considered", "ignored"):
+            return [(("sigma",), f"is missing; {self.treatment} needs it")]
+        return []
+
+    @property
+    def has_sigma(self) -> bool:
+        """Whether something is said about its size."""
+        return self.sigma is not None
+
+
+class Photocentre(Uncertain):
+    """The light of a partly lit body lies off its centre: the amplitude, 1 being that of a Lambert sphere."""
+
+    value: Annotated[float, Field(ge=-10.0, le=10.0)] = 0.0
+    sigma: PositiveNumber | None = None
+    radius: Size | None = Field(None, description="Of the body; the object's own when absent")
+
+    @property
+    def has_sigma(self) -> bool:
+        """Whether something is said about its size."""
+        return self.sigma is not None
