@@ -404,13 +404,10 @@ def integrate(
     end_s : TDB seconds after the epoch.
     coefficients, layout, timing : the ephemeris window.
     p : the forces.
-    columns : shape (q,), which of kappa, A1, A2, A3 are integrated.
-    variations : whether Phi and the q columns are integrated at all.
+    columns, variations : which of kappa, A1, A2, A3 (q,) are integrated; whether they and Phi are at all.
     tolerance : limit of the last Legendre coefficient of the acceleration, relative.
 
-    Returns
-    -------
-    A status (OK, STALLED, TOO_MANY_STEPS) and the accepted steps.
+    Returns a status (OK, STALLED, TOO_MANY_STEPS) and the accepted steps.
     """
     count = 6 + columns.shape[0] if variations else 0
     w = make_work(layout.shape[0], count)
@@ -418,9 +415,8 @@ def integrate(
     for k in range(3):
         x[k], v[k] = start[k], start[3 + k]
     px, pv = np.zeros(3 * count), np.zeros(3 * count)
-    if variations:
-        for k in range(3):
-            px[4 * k], pv[9 + 4 * k] = 1.0, 1.0
+    for k in range(min(3, count)):  # Phi = I, zeta = 0
+        px[4 * k], pv[9 + 4 * k] = 1.0, 1.0
     steps, taken, sign = make_steps(64, count), 0, 1.0 if end_s > 0.0 else -1.0
     read_ephemeris(n, 0.0, 0.0, w, p, coefficients, layout, timing)
     t, h, h_before = 0.0, sign * first_step(w, p, x, tolerance), 0.0

@@ -48,12 +48,7 @@ def propagate(
     EventError
         If the orbit runs into a body; gives time and distance.
     """
-    start = np.asarray(state_km_km_s, dtype=np.float64)
-    times = np.atleast_1d(np.asarray(t_s, dtype=np.float64))
-    if start.shape != (6,) or not np.isfinite(start).all():
-        raise InputError(f"state: needs six finite numbers (km, km/s), got {start}")
-    if times.ndim != 1 or not len(times) or not np.isfinite(times).all():
-        raise InputError(f"times: need shape (n,) with n > 0 and finite seconds, got shape {times.shape}")
+    start, times = _checked(state_km_km_s, t_s)
     low, high = _span(forces, epoch, min(0.0, float(times.min())), max(0.0, float(times.max())), margin_s)
     window = forces.ephemeris.window(epoch, low, high, asteroids=forces.asteroids)
     barycentric = start + forces.ephemeris.state_km_km_s("sun", epoch, 0.0)[0]
@@ -79,6 +74,17 @@ def propagate(
     if table.steps.tide.max() > IMPACT_TIDE:
         require_no_impact(trajectory, table.steps.tide)
     return trajectory
+
+
+def _checked(state_km_km_s: npt.ArrayLike, t_s: npt.ArrayLike) -> tuple[Array, Array]:
+    """State (6,) and times (n,) as arrays, refused if they cannot be used."""
+    start = np.asarray(state_km_km_s, dtype=np.float64)
+    times = np.atleast_1d(np.asarray(t_s, dtype=np.float64))
+    if start.shape != (6,) or not np.isfinite(start).all():
+        raise InputError(f"state: needs six finite numbers (km, km/s), got {start}")
+    if times.ndim != 1 or not len(times) or not np.isfinite(times).all():
+        raise InputError(f"times: need shape (n,) with n > 0 and finite seconds, got shape {times.shape}")
+    return start, times
 
 
 def _span(forces: ForceModel, epoch: Epoch, low: float, high: float, margin_s: float) -> tuple[float, float]:

@@ -150,14 +150,10 @@ def eih_gradient(
     G: Array,
     K: Array,
 ) -> None:
-    """Jacobians of `eih`.
-
-    Of body j: dA/dX = -s beta I + d y^T + (V - w) z^T + b k^T and dA/dV = C I + d p^T + (V - w) q^T, with
+    """Of body j: dA/dX = -s beta I + d y^T + (V - w) z^T + b k^T and dA/dV = C I + d p^T + (V - w) q^T, with
     C = s d.(4 V - 3 w), y = s (3 beta d/r^2 - grad beta), z = s (4 V - 3 w) - 3 C d/r^2, k = -3.5 s d,
-    grad beta = -3 (d.w) w/r^2 + 3 (d.w)^2 d/r^4 - b/2, p = -s (2 V - 4 w), q = 4 s d. Q (32,): phi and N.
+    grad beta = -3 (d.w) w/r^2 + 3 (d.w)^2 d/r^4 - b/2, p = -s (2 V - 4 w), q = 4 s d. Q (32,) is scratch.
     """
-    for i in range(32):
-        Q[i] = 0.0
     for j in range(MAJOR):
         g = gm[j]
         for l in range(n):
@@ -199,16 +195,25 @@ def eih_gradient(
             K[48 + l] += dz * px + q * uz * dx
             K[56 + l] += dz * py + q * uz * dy
             K[64 + l] += C + dz * pz + q * uz * dz
-            Q[l] += g * ir
-            Q[8 + l] += g * ir * ir2 * dx
-            Q[16 + l] += g * ir * ir2 * dy
-            Q[24 + l] += g * ir * ir2 * dz
     _potential_gradient(n, X, P, gm, c2, Q, G)
 
 
 @kernel
 def _potential_gradient(n: int, X: Array, P: Array, gm: Array, c2: float, Q: Array, G: Array) -> None:
-    """Gradient of (4 phi/c^2) N: (4/c^2) [phi sum GM/r^3 (I - 3 d d^T/r^2) - N N^T]."""
+    """Gradient of (4 phi/c^2) N: (4/c^2) [phi sum GM/r^3 (I - 3 d d^T/r^2) - N N^T]; phi and N go to Q (32,)."""
+    for i in range(32):
+        Q[i] = 0.0
+    for j in range(MAJOR):
+        g = gm[j]
+        for l in range(n):
+            dx, dy, dz = X[l] - P[j, l], X[8 + l] - P[j, 8 + l], X[16 + l] - P[j, 16 + l]
+            r2 = dx * dx + dy * dy + dz * dz
+            ir = 1.0 / np.sqrt(r2)
+            f = g * ir / r2
+            Q[l] += g * ir
+            Q[8 + l] += f * dx
+            Q[16 + l] += f * dy
+            Q[24 + l] += f * dz
     for j in range(MAJOR):
         g = gm[j]
         for l in range(n):
