@@ -20,6 +20,7 @@ from nebosvod.timescale import Epoch
 
 Array = npt.NDArray[np.float64]
 GRAIN_S = 1.0  # an orbit that hits is followed to within this of the surface
+END_S = 2.0  # before its end such an orbit is evaluated: target planes difference it over a second to either side
 FASTEST_KM_S = 75.0  # of any impact on a planet
 MOST_HALVINGS = 40
 
@@ -58,10 +59,10 @@ def follow(
 
 def impact(trajectory: Trajectory, body: str) -> Encounter | None:
     """The end of an orbit that hits a body, as an encounter at its last time; None if it does not end there."""
-    end_s = trajectory.span_s[1]
+    end_s = trajectory.span_s[1] - END_S
     state = relative_state(trajectory, body)(np.array([end_s]))[0]
     distance = float(np.linalg.norm(state[:3]))
-    if distance > RADIUS_KM.get(body, 0.0) + FASTEST_KM_S * GRAIN_S or state[:3] @ state[3:] >= 0.0:
+    if distance > RADIUS_KM.get(body, 0.0) + FASTEST_KM_S * (GRAIN_S + END_S) or state[:3] @ state[3:] >= 0.0:
         return None
     speed = float(np.linalg.norm(state[3:]))
     epoch = trajectory.epoch + end_s
