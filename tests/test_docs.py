@@ -87,6 +87,8 @@ def follow(page: Path) -> list[str]:
                 code, lines = said(command)
                 if code != (2 if misspelt else 0):
                     differences.append(f"{command}: exit code {code}: {lines[-1:]}")
+                if command == "nebosvod missions":  # more may be built in than a page speaks of
+                    lines = [line for line in lines if line in shown]
                 if shown and words(lines) != words(shown):
                     new = [line for line in lines if words([line]) and words([line])[0] not in words(shown)]
                     differences.append(f"{command}: prints otherwise:\n" + "\n".join(new))
