@@ -93,10 +93,14 @@ def _eliminated(normal: Array, state: IntArray, rest: IntArray) -> tuple[Array |
     condition = Conditioning(number=number, rank=rank, direction=vectors[:, 0] / unit)
     if number > RESOLVED_CONDITION:
         return None, condition
-    inner: Array = np.asarray(np.linalg.cholesky(scaled[np.ix_(rest, rest)]), dtype=np.float64)
     across = scaled[np.ix_(state, rest)]
-    lean = solve_lower(inner, across.T)  # iL_u b_u^T
-    outer: Array = np.asarray(np.linalg.cholesky(scaled[np.ix_(state, state)] - lean.T @ lean), dtype=np.float64)
+    try:
+        inner: Array = np.asarray(np.linalg.cholesky(scaled[np.ix_(rest, rest)]), dtype=np.float64)
+        lean = solve_lower(inner, across.T)  # iL_u b_u^T
+        outer: Array = np.asarray(np.linalg.cholesky(scaled[np.ix_(state, state)] - lean.T @ lean), dtype=np.float64)
+    except np.linalg.LinAlgError:
+        # At the very limit the smallest eigenvalue is round-off and may have been above zero by chance.
+        return None, condition
     factor = np.zeros(normal.shape)
     root = solve_lower(outer, np.eye(len(state))).T
     inner_root = solve_lower(inner, np.eye(len(rest))).T

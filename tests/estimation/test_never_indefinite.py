@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from nebosvod.errors import GeometryError
@@ -81,6 +81,11 @@ def exercise(**case):
         assert not np.isnan(found.history.sigma_formal).any()
 
 
+# Found among 100,000: the normal equations lose the last digit and Cholesky fails after the condition passed.
+AT_THE_LIMIT = {"seed": 4, "n": 4, "weak": 0.0, "scale": 5.5, "prior": None, "deficient": True}
+
+
+@example(**AT_THE_LIMIT, nuisance=None, considered=True)
 @settings(max_examples=2000, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
 @given(**STRATEGY)
 def test_every_badly_posed_problem_gives_a_factor_or_a_status(**case):
