@@ -18,6 +18,7 @@ from nebosvod.estimation.square_root import cholesky_rows, solve_rows
 from nebosvod.estimation.whitening import projected
 
 Array = npt.NDArray[np.float64]
+PERFECT = 1e-4  # of the noise that was: what stands for a measurement without noise
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -86,22 +87,64 @@ def without(problem: LinearProblem, source: str) -> LinearProblem:
     InputError
         If the source is measurement noise (a perfect measurement has no weight to give) or unknown.
     """
+    if source in problem.noise_names:
+        raise InputError(f"without: {source!r} is measurement noise, which can not be taken away; use scaled")
+    return scaled(problem, source, 0.0)
+
+
+def scaled(problem: LinearProblem, source: str, factor: float) -> LinearProblem:
+    """Return the problem in a world where a source errs `factor` times as much, and the estimator knows it.
+
+    Raises
+    ------
+    InputError
+        If the source is unknown, or the factor is negative.
+
+    Notes
+    -----
+    A perfect measurement has no weight to give: noise is never scaled below PERFECT of its size, where it is below
+    any other source that matters.
+    """
+    if factor < 0.0:
+        raise InputError(f"scaled: needs factor >= 0, got {factor}")
+    square = factor * factor
+    if source in problem.noise_names:
+        return _with_noise(problem, problem.noise_names.index(source), max(square, PERFECT**2))
     groups: tuple[Prior | White | Markov, ...] = (*problem.priors, *problem.white, *problem.markov)
-    known = {group.name for group in groups}
+    known = [group.name for group in groups]
     if source not in known:
-        kind = "is measurement noise, which" if source in problem.noise_names else "is not a source that"
-        raise InputError(f"without: {source!r} {kind} can be taken away; allowed: {', '.join(sorted(known))}")
+        allowed = ", ".join(sorted((*known, *problem.noise_names)))
+        raise InputError(f"scaled: {source!r} is not a source that can be taken away; allowed: {allowed}")
     return replace(
         problem,
         priors=tuple(
-            replace(prior, covariance=np.zeros_like(prior.covariance), true_covariance=None)
+            replace(prior, covariance=square * prior.covariance, true_covariance=_times(prior.true_covariance, square))
             if prior.name == source
             else prior
             for prior in problem.priors
         ),
-        white=tuple(white for white in problem.white if white.name != source),
-        markov=tuple(markov for markov in problem.markov if markov.name != source),
+        white=tuple(
+            replace(white, Q=square * white.Q, true_Q=_times(white.true_Q, square)) if white.name == source else white
+            for white in problem.white
+            if white.name != source or factor > 0.0
+        ),
+        markov=tuple(
+            replace(chain, Q=square * chain.Q, P0=square * chain.P0) if chain.name == source else chain
+            for chain in problem.markov
+            if chain.name != source or factor > 0.0
+        ),
     )
+
+
+def _with_noise(problem: LinearProblem, label: int, square: float) -> LinearProblem:
+    """The problem with the noise covariance of one noise source times `square`."""
+    labels = np.zeros(problem.n, dtype=np.int64) if problem.noise_label is None else problem.noise_label
+    weight = np.where(labels == label, square, 1.0)[:, None, None]
+    return replace(problem, R=weight * problem.R, true_R=None if problem.true_R is None else weight * problem.true_R)
+
+
+def _times(covariance: Array | None, square: float) -> Array | None:
+    return None if covariance is None else square * covariance
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

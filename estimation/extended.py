@@ -163,13 +163,15 @@ def _lagged(a, t, series, k, w):  # type: ignore[no-untyped-def]
     """Real and imaginary part of sum_{j<i} a_i a_j exp((-k + i w)(t_i - t_j)) within each series."""
     real, imaginary = 0.0, 0.0
     c, s = 0.0, 0.0
+    step, x, y = -1.0, 0.0, 0.0
     for i in range(len(a)):
         if i == 0 or series[i] != series[i - 1]:
             c, s = 0.0, 0.0
         else:
-            step = t[i] - t[i - 1]
-            damp = np.exp(-k * step)
-            x, y = damp * np.cos(w * step), damp * np.sin(w * step)
+            if t[i] - t[i - 1] != step:  # a steady cadence needs one exponential
+                step = t[i] - t[i - 1]
+                damp = np.exp(-k * step)
+                x, y = damp * np.cos(w * step), damp * np.sin(w * step)
             c, s = (c + a[i - 1]) * x - s * y, (c + a[i - 1]) * y + s * x
         real += a[i] * c
         imaginary += a[i] * s

@@ -6,7 +6,7 @@ computed on its own as a check. Bounds that contradict the measurements are repo
 inflation that reconciles them.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,7 @@ from scipy.sparse import csr_matrix, hstack, vstack
 from nebosvod.errors import GeometryError, InputError
 from nebosvod.estimation.partition import Partition
 from nebosvod.estimation.problem import LinearProblem
-from nebosvod.estimation.square_root import covariance_factor
+from nebosvod.estimation.square_root import conditioning, covariance_factor, solve_upper
 from nebosvod.estimation.whitening import raw_rows
 
 Array = npt.NDArray[np.float64]
@@ -69,19 +69,40 @@ def bound(problem: LinearProblem, W: npt.ArrayLike, names: tuple[str, ...] | Non
         If a nuisance is time-correlated: it has no box that is comparable.
     """
     partition = Partition.of(problem)
-    if any(markov.treatment != "fixed" for markov in problem.markov):
-        raise InputError("guaranteed.bound: time-correlated nuisances have no box; give them as white or constant")
+    _require_boxes(problem)
     polytope, spread = _polytope(problem, partition, level)
-    order = partition.names if names is None else names
-    matrix = np.atleast_2d(np.asarray(W, dtype=np.float64))
-    if matrix.shape[1] != len(order):
-        raise InputError(f"guaranteed.bound: W needs {len(order)} columns, got {matrix.shape[1]}")
-    full = np.zeros((len(matrix), len(partition.names)))
-    full[:, [partition.names.index(name) for name in order]] = matrix
+    full = _over_all(partition, W, names)
     offset = full @ np.concatenate([partition.mean, partition.left_out_mean])
-    objective = np.zeros((len(matrix), polytope.A.shape[1]))
+    objective = np.zeros((len(full), polytope.A.shape[1]))
     objective[:, : spread.shape[1]] = full @ spread
     return extreme(polytope, objective, level=level, offset=offset)
+
+
+def largest_error(
+    problem: LinearProblem, W: npt.ArrayLike, names: tuple[str, ...] | None = None, level: float = 3.0
+) -> Array:
+    """Largest error (d,) of w = W x that the boxes allow, before the measurements are known.
+
+    Notes
+    -----
+    The set of errors inside the boxes that leave no residual is symmetric, so one programme a component finds both
+    ends. By duality it is the error of the linear estimator whose worst case is smallest. Arguments, errors as `bound`.
+    """
+    silent = replace(
+        problem,
+        residual=np.zeros_like(problem.residual),
+        priors=tuple(replace(prior, mean=None) for prior in problem.priors),
+    )
+    partition = Partition.of(silent)
+    _require_boxes(silent)
+    polytope, spread = _polytope(silent, partition, level)
+    worst = np.zeros(len(np.atleast_2d(np.asarray(W))))
+    for row, p in enumerate(_over_all(partition, W, names) @ spread):
+        size = float(np.abs(p).max())
+        if size > 0.0:
+            objective = np.concatenate([p / size, np.zeros(polytope.A.shape[1] - len(p))])
+            worst[row] = size * _primal(polytope, polytope.bound, objective)
+    return worst
 
 
 def extreme(polytope: Polytope, objective: Array, level: float = 1.0, offset: Array | None = None) -> Bounds:
@@ -108,6 +129,22 @@ def extreme(polytope: Polytope, objective: Array, level: float = 1.0, offset: Ar
         inflation=max(inflation, 1.0),
         duality_gap=gap,
     )
+
+
+def _require_boxes(problem: LinearProblem) -> None:
+    if any(markov.treatment != "fixed" for markov in problem.markov):
+        raise InputError("guaranteed: time-correlated nuisances have no box; give them as white or constant")
+
+
+def _over_all(partition: Partition, W: npt.ArrayLike, names: tuple[str, ...] | None) -> Array:
+    """Partials (d, s + s_j) by all parameters that have an error."""
+    order = partition.names if names is None else names
+    matrix = np.atleast_2d(np.asarray(W, dtype=np.float64))
+    if matrix.shape[1] != len(order):
+        raise InputError(f"guaranteed: W needs {len(order)} columns, got {matrix.shape[1]}")
+    full = np.zeros((len(matrix), len(partition.names)))
+    full[:, [partition.names.index(name) for name in order]] = matrix
+    return full
 
 
 def polytope(U: npt.ArrayLike, bounds: npt.ArrayLike, right: npt.ArrayLike | None = None) -> Polytope:
@@ -139,7 +176,24 @@ def _polytope(problem: LinearProblem, partition: Partition, level: float) -> tup
     scale = csr_matrix((1.0 / noise, (np.arange(n * p), np.arange(n * p))))
     whole = vstack([scale @ A, box / level], format="csr")
     right = np.concatenate([rows[:, s] / noise, np.zeros(draws)])
-    return Polytope(A=whole, right=right, bound=np.ones(len(right))), spread
+    whole, turn = _orthogonal(whole, spread.shape[1])
+    return Polytope(A=whole, right=right, bound=np.ones(len(right))), spread @ turn
+
+
+def _orthogonal(A: csr_matrix, count: int) -> tuple[csr_matrix, Array]:
+    """Make the first columns orthonormal, A[:, :count] turn; as they are when they do not determine their unknowns.
+
+    Position and velocity of an orbit are nearly dependent columns: without this the solver's tolerance let a dual
+    stop 10 % below the primal.
+    """
+    dense = A[:, :count].toarray()
+    lengths = np.linalg.norm(dense, axis=0)
+    unit = np.where(lengths > 0.0, lengths, 1.0)
+    Q, R = np.linalg.qr(dense / unit)
+    if not conditioning(R).observable:
+        return A, np.eye(count)
+    turn = solve_upper(R, np.eye(count)) / unit[:, None]
+    return hstack([csr_matrix(Q), A[:, count:]], format="csr"), turn
 
 
 def _spread(partition: Partition) -> Array:
@@ -196,10 +250,11 @@ def _primal(body: Polytope, bounds: Array, p: Array) -> float:
     """max p xi over the polytope."""
     A, unit = _scaled(body.A)
     limits = np.concatenate([body.right + bounds, bounds - body.right])
-    status, value = _solve(-p / unit, A_ub=vstack([A, -A]), b_ub=limits, bounds=(None, None))
+    size = float(np.abs(p / unit).max())  # the solver's tolerances are absolute here too
+    status, value = _solve(-p / unit / size, A_ub=vstack([A, -A]), b_ub=limits, bounds=(None, None))
     if status == 3:
         raise GeometryError("guaranteed: the quantity is not bounded; the measurements and boxes do not determine it")
-    return -value
+    return -value * size
 
 
 def _dual(body: Polytope, bounds: Array, p: Array) -> float:
@@ -207,7 +262,8 @@ def _dual(body: Polytope, bounds: Array, p: Array) -> float:
     A, unit = _scaled(body.A)
     transposed = A.T.tocsr()
     cost = np.concatenate([body.right + bounds, bounds - body.right])
-    return _solve(cost, A_eq=hstack([transposed, -transposed]), b_eq=p / unit, bounds=(0, None))[1]
+    size = float(np.abs(p / unit).max())
+    return size * _solve(cost, A_eq=hstack([transposed, -transposed]), b_eq=p / unit / size, bounds=(0, None))[1]
 
 
 def _inflation(body: Polytope) -> float:

@@ -6,12 +6,14 @@ in the noise of their measurement; time-correlated ones are removed by the innov
 which looks only backwards, so that the history is what a filter carrying them as states would have shown.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from nebosvod.errors import InputError
 from nebosvod.estimation.batch import prior_rows, solved_triangle
 from nebosvod.estimation.estimate import Estimate, History
 from nebosvod.estimation.partition import Partition
@@ -46,22 +48,57 @@ def solve(problem: LinearProblem, history: bool = True) -> Estimate:
     partition = Partition.of(problem)
     whitener = Whitener.of(problem)
     rows = whitened_rows(problem, partition, whitener)
+    size = partition.n_unknowns
+    spread = np.hstack([partition.T, np.zeros((len(partition.estimated), len(partition.left_out)))])
+    triangle, formal, true = _pass(problem, partition, whitener, rows, spread, history)
+    solved, condition, reason = solved_triangle(triangle, size)
+    if solved is None:
+        return not_observable(problem, partition, condition, reason)
+    record = History(names=partition.estimated, sigma_formal=formal, sigma=true) if history else None
+    return estimate_of(problem, partition, whitener, rows, solved, condition, record)
+
+
+def follow(problem: LinearProblem, W: npt.ArrayLike, names: Sequence[str]) -> tuple[Array, Array | None]:
+    """Sigmas of predicted quantities w = W x after each measurement, in one pass of O(n).
+
+    Parameters
+    ----------
+    problem : rows in time order.
+    W : shape (d, k), partials by the k named parameters; considered and ignored ones may be among them.
+
+    Returns
+    -------
+    sigma_formal : shape (n, d), inf while a parameter without a prior is not determined.
+    sigma : shape (n, d), the true ones; None as in `solve`.
+    """
+    partition = Partition.of(problem)
+    place = {name: index for index, name in enumerate(partition.names)}
+    unknown = [name for name in names if name not in place]
+    matrix = np.atleast_2d(np.asarray(W, dtype=np.float64))
+    if unknown or matrix.shape[1] != len(names):
+        raise InputError(f"follow: W needs one column for each of {', '.join(place)}; got {tuple(names)}")
+    full = np.zeros((len(matrix), len(place)))
+    np.add.at(full.T, [place[name] for name in names], matrix.T)
+    inside = len(partition.estimated)
+    whitener = Whitener.of(problem)
+    rows = whitened_rows(problem, partition, whitener)
+    spread = np.hstack([full[:, :inside] @ partition.T, full[:, inside:]])
+    _, formal, true = _pass(problem, partition, whitener, rows, spread, True)
+    return formal, true
+
+
+def _pass(
+    problem: LinearProblem, partition: Partition, whitener: Whitener, rows: Array, spread: Array, history: bool
+) -> tuple[Array, Array, Array | None]:
+    """Take in all rows: the triangle, and formal and true sigmas (n, d) of spread (d, s_y + s_j) times the unknowns."""
     width, size = rows.shape[2], partition.n_unknowns
     triangle = np.zeros((width, width))
     triangle[partition.n_free : size] = prior_rows(partition, width)
     truth = _Truth.of(problem, partition, whitener, rows, history)
-    formal = np.full((problem.n if history else 0, len(partition.estimated)), np.inf)
+    formal = np.full((problem.n if history else 0, len(spread)), np.inf)
     true = np.full(formal.shape if truth.differs else (0, formal.shape[1]), np.inf)
-    spread = np.ascontiguousarray(partition.T)
-    _sweep(rows, triangle, spread, truth.rows, truth.inside, truth.outside, formal, true)
-    solved, condition, reason = solved_triangle(triangle, size)
-    if solved is None:
-        return not_observable(problem, partition, condition, reason)
-    record = None
-    if history:
-        sigma = (true if truth.differs else formal) if truth.known else None
-        record = History(names=partition.estimated, sigma_formal=formal, sigma=sigma)
-    return estimate_of(problem, partition, whitener, rows, solved, condition, record)
+    _sweep(rows, triangle, np.ascontiguousarray(spread), truth.rows, truth.inside, truth.outside, formal, true)
+    return triangle, formal, (true if truth.differs else formal) if truth.known else None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -165,13 +202,13 @@ def _inverse_upper(R, size, out, limit):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _row_lengths(spread, factor, begin, out):  # type: ignore[no-untyped-def]
-    """Lengths of the rows of spread factor; inf where a row needs an unknown before `begin`."""
+    """Lengths of the rows of spread times factor; inf where a row needs an unknown before `begin`."""
     width = factor.shape[1]
     row = np.empty(width)
     for i in range(spread.shape[0]):
         row[:] = 0.0
         known = True
-        for j in range(spread.shape[1]):
+        for j in range(factor.shape[0]):
             if spread[i, j] != 0.0:
                 known = known and j >= begin
                 for k in range(width):
@@ -186,11 +223,12 @@ def _row_lengths(spread, factor, begin, out):  # type: ignore[no-untyped-def]
 def _sweep(rows, triangle, spread, truth_rows, inside, outside, formal, true):  # type: ignore[no-untyped-def]
     """Take in all rows; fill the sigma histories (n, s) where they have rows of their own."""
     n, p, width = rows.shape
-    size = spread.shape[1]
+    size = inside.shape[0]
     row = np.empty(width)
     fresh_row = np.empty(size)
     fresh = np.zeros((size, size))
     S = np.zeros((size, size))
+    assumed = np.hstack((np.zeros((len(outside), size)), -outside))  # errors of what is not estimated
     for k in range(n):
         for i in range(p):
             row[:] = rows[k, i]
@@ -206,4 +244,4 @@ def _sweep(rows, triangle, spread, truth_rows, inside, outside, formal, true):  
                 K = S @ np.ascontiguousarray(S.T)
                 left = S @ (np.ascontiguousarray(triangle[:size, size + 1 :]) @ outside)
                 errors = np.hstack((K @ np.ascontiguousarray(fresh.T), K @ inside + left))
-                _row_lengths(spread, errors, 0, true[k])
+                _row_lengths(spread, np.vstack((errors, assumed)), 0, true[k])

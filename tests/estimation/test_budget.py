@@ -92,3 +92,44 @@ def test_measurement_noise_cannot_vanish(make_problem):
         budget.without(make_problem(), "noise A")
     with pytest.raises(InputError, match="allowed: bias A"):
         budget.without(make_problem(), "bias C")
+
+
+def mean_problem(sigma=2.0, bias=3.0, n=25):
+    """A constant measured n times through one bias: variance sigma^2 / n + bias^2."""
+    blocks = [
+        Block(name="x", names=("x",), H=np.ones((n, 1, 1))),
+        Block(name="bias", names=("b",), H=np.ones((n, 1, 1)), treatment="considered"),
+    ]
+    prior = Prior(name="bias", names=("b",), covariance=[[bias**2]])
+    return LinearProblem(residual=np.zeros((n, 1)), R=[[sigma**2]], blocks=tuple(blocks), priors=(prior,))
+
+
+@pytest.mark.parametrize("factor", [0.5, 2.0])
+def test_a_scaled_source_counts_as_the_closed_formula_says(factor):
+    noise = batch.solve(budget.scaled(mean_problem(), "measurement noise", factor)).sigma("x")
+    assert noise == pytest.approx(np.sqrt((2.0 * factor) ** 2 / 25 + 9.0), rel=1e-12)
+    bias = batch.solve(budget.scaled(mean_problem(), "bias", factor)).sigma("x")
+    assert bias == pytest.approx(np.sqrt(4.0 / 25 + (3.0 * factor) ** 2), rel=1e-12)
+    quiet = batch.solve(budget.scaled(mean_problem(), "measurement noise", 0.0)).sigma("x")
+    assert quiet == pytest.approx(3.0, rel=1e-9)
+
+
+@pytest.mark.parametrize("z", ["white", "markov"])
+@pytest.mark.parametrize("truth", [False, True])
+def test_scaling_a_source_scales_both_what_is_assumed_and_what_is_true(make_problem, dense, z, truth):
+    problem = make_problem(seed=4, z=z, truth=truth, state_prior="joint" if not truth else "none")
+    for source in (problem.priors[-1].name, (*problem.white, *problem.markov)[0].name, problem.noise_names[1]):
+        changed = budget.scaled(problem, source, 3.0)
+        before, after = dense(problem), dense(changed)
+        assert not np.allclose(before.K_formal, after.K_formal, rtol=1e-3)
+        # back again is the same problem
+        again = dense(budget.scaled(changed, source, 1.0 / 3.0))
+        np.testing.assert_allclose(again.K_true, before.K_true, rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(batch.solve(changed).K_true, after.K_true, rtol=1e-7, atol=1e-10)
+
+
+def test_an_unknown_source_or_a_negative_factor_is_refused(make_problem):
+    with pytest.raises(InputError, match="allowed: bias A"):
+        budget.scaled(make_problem(), "nobody", 0.5)
+    with pytest.raises(InputError, match="factor >= 0"):
+        budget.scaled(make_problem(), "bias A", -1.0)

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from nebosvod.errors import InputError
 from nebosvod.estimation import Prior, Status, batch, recursive
 
 TREATMENTS = [
@@ -101,3 +102,28 @@ def _first(problem, count):
         markov=tuple(markov),
         noise_label=problem.noise_label[:count],
     )
+
+
+@pytest.mark.parametrize("treatments", TREATMENTS)
+@pytest.mark.parametrize("truth", [False, True])
+def test_a_followed_quantity_has_the_sigma_of_the_batch_of_the_measurements_so_far(make_problem, treatments, truth):
+    problem = make_problem(seed=6, z="white", treatments=treatments, truth=truth)
+    if treatments.get("c") == "fixed":
+        problem = replace(problem, priors=tuple(p for p in problem.priors if p.name != "c"))
+    names = batch.solve(problem).names + batch.solve(problem).left_out
+    W = np.random.default_rng(1).normal(size=(2, len(names)))
+    formal, true = recursive.follow(problem, W, names)
+    for k in (5, 11, 24):
+        then = batch.solve(_first(problem, k)).predict(W, names)
+        np.testing.assert_allclose(formal[k - 1], then.sigma_formal, rtol=1e-9)
+        np.testing.assert_allclose(true[k - 1], then.sigma, rtol=1e-9)
+
+
+def test_a_followed_quantity_is_infinite_until_it_is_determined_and_unknown_names_are_refused(make_problem):
+    problem = make_problem(seed=6, z="none")
+    formal, true = recursive.follow(problem, [[1.0]], ("x",))
+    assert np.isinf(formal[0, 0])
+    assert np.isfinite(formal[-1, 0])
+    np.testing.assert_array_equal(formal, true)
+    with pytest.raises(InputError, match="follow"):
+        recursive.follow(problem, [[1.0]], ("nobody",))
