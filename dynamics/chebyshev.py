@@ -2,13 +2,14 @@
 
 Rows of P are bodies in the order of the window: 0 Sun, 3 Earth, 4 Moon, then the rest; each row holds 8 lanes of x, y
 and z. Plain scalar loops: the processor overlaps the independent nodes by itself (interleaving four nodes by hand, as
-a first version did, gained nothing).
+a first version did, gained nothing). `states_of_series` serves the ephemeris itself, at any number of times.
 """
 
 import numpy as np
 import numpy.typing as npt
 
-from nebosvod.dynamics.compilation import LANES, kernel
+from nebosvod.dynamics.compilation import LANES, exact_kernel, kernel
+from nebosvod.dynamics.constants import DAY_S
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
@@ -91,3 +92,31 @@ def velocity_at(
             z += slope * coefficients[k + np.uint64(2)]
             before, now = now, 2.0 * u * now - before
         velocity[l], velocity[LANES + l], velocity[2 * LANES + l] = x, y, z
+
+
+@exact_kernel
+def states_of_series(
+    t: Array, records: Array, first_day: float, record_days: float, fraction: float, states: Array
+) -> None:
+    """Position and velocity (n, 6) of one series at t (n,) seconds after an epoch `fraction` into its day, km, km/s.
+
+    `records` (k, 2 + 3 orders) are those of the file. Operation by operation what `ephemeris.evaluate_series` does in
+    numpy, so that an answer does not depend on whether the compiler is loaded.
+    """
+    order, count = (records.shape[1] - 2) // 3, records.shape[0]
+    half_s = 0.5 * record_days * DAY_S
+    for e in range(t.shape[0]):
+        days = (t[e] / DAY_S + fraction - first_day) / record_days
+        record = max(0, min(int(np.floor(days)), count - 1))
+        u = (t[e] - (first_day + record * record_days - fraction) * DAY_S) / half_s - 1.0
+        row = records[record]
+        x, y, z = row[2] + u * row[3], row[2 + order] + u * row[3 + order], row[2 + 2 * order] + u * row[3 + 2 * order]
+        vx, vy, vz = row[3], row[3 + order], row[3 + 2 * order]
+        before, now, slope_before, slope = 1.0, u, 0.0, 1.0
+        for j in range(4, 2 + order):
+            slope_before, slope = slope, 2.0 * now + 2.0 * u * slope - slope_before
+            before, now = now, 2.0 * u * now - before
+            x, y, z = x + now * row[j], y + now * row[j + order], z + now * row[j + 2 * order]
+            vx, vy, vz = vx + slope * row[j], vy + slope * row[j + order], vz + slope * row[j + 2 * order]
+        states[e, 0], states[e, 1], states[e, 2] = x, y, z
+        states[e, 3], states[e, 4], states[e, 5] = vx / half_s, vy / half_s, vz / half_s

@@ -24,7 +24,7 @@ def _source_digest() -> str:
     digest = hashlib.sha256()
     for path in sorted(Path(__file__).parent.glob("*.py")):
         source = path.read_bytes()
-        if b"@kernel" in source or path.stem in ("collocation", "model"):
+        if b"kernel\ndef " in source or path.stem in ("collocation", "model"):
             digest.update(path.name.encode() + b"\0" + source)
     return digest.hexdigest()
 
@@ -34,7 +34,17 @@ _DIGEST = _source_digest()
 
 def kernel(function: Function) -> Function:
     """Compile a numeric function when it is first called, and keep the machine code beside the sources."""
-    compiled: Any = numba.njit(cache=True, fastmath=FASTMATH, error_model="numpy")(function)
+    return _compiled(function, fastmath=FASTMATH)
+
+
+def exact_kernel(function: Function) -> Function:
+    """The same without any freedom of rounding: the result is bit for bit that of the plain expression."""
+    return _compiled(function, fastmath=False)
+
+
+def _compiled(function: Function, **options: Any) -> Function:
+    """Hand the function to numba, with the stamp of all sources on its cache."""
+    compiled: Any = numba.njit(cache=True, error_model="numpy", nogil=True, **options)(function)
     index: Any = getattr(getattr(compiled, "_cache", None), "_cache_file", None)
     if hasattr(index, "_source_stamp"):
         index._source_stamp = (index._source_stamp, _DIGEST)
