@@ -2,7 +2,7 @@
 
 The formal covariance trusts the model of the noise. Klaus' filter asks whether a constant bias can be told from
 motion at all; Akim's and Lidov's bounds ask how bad a prediction can be when the noise has its stated sigma but any
-correlation in time, within a family or at all.
+correlation in time, within a family or at all, and Lidov's six measurements are the best to be had in that case.
 """
 
 from dataclasses import dataclass
@@ -11,10 +11,10 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from nebosvod.errors import InputError
+from nebosvod.errors import GeometryError, InputError
 from nebosvod.estimation.problem import LinearProblem
 from nebosvod.estimation.sources import measurement_gain
-from nebosvod.estimation.square_root import solve_upper
+from nebosvod.estimation.square_root import conditioning, solve_upper
 
 Array = npt.NDArray[np.float64]
 
@@ -187,3 +187,96 @@ def bias_imitates(problem: LinearProblem, state: str, bias: str) -> Klaus:
     L = np.linalg.cholesky(np.broadcast_to(problem.R, (problem.n, problem.p, problem.p)))
     U, S = (np.linalg.solve(L, blocks[name].H).reshape(problem.n * problem.p, -1) for name in (state, bias))
     return klaus(np.asarray(U, dtype=np.float64), np.asarray(S, dtype=np.float64), blocks[state].names)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FewMeasurements:
+    """Best use of measurements whose errors may be correlated in any way.
+
+    Attributes
+    ----------
+    bound : sigma of the predicted quantity that no correlation whatever can pass; the smallest of any estimator.
+    weights : shape (m,), of the measurements; not more than s are not zero.
+    rows : the measurements that are used, at most s.
+    bound_all : the same bound, sum |a_i| sigma_i, for the least-squares weights of all measurements.
+    """
+
+    bound: float
+    weights: Array
+    rows: npt.NDArray[np.int64]
+    bound_all: float
+
+
+def few_measurements(U: Array, sigma: Array, p: Array) -> FewMeasurements:
+    """Find Lidov's measurements: at most s of them, which predict p^T x best whatever the correlation.
+
+    Parameters
+    ----------
+    U : shape (m, s), partials of scalar measurements by the unknowns; priors are rows too. sigma : shape (m,).
+    p : shape (s,), partials of the predicted quantity.
+
+    Raises
+    ------
+    GeometryError
+        If the measurements do not determine the quantity.
+
+    Notes
+    -----
+    An unbiased estimate a^T y, U^T a = p, has the variance a^T K a. Over all correlations with the stated sigmas its
+    largest root is sum |a_i| sigma_i (all errors +-1 together). The smallest such sum is a linear programme in
+    standard form with s equations, so a vertex solves it: s measurements, six for a state, and nothing is gained
+    from the others (Lidov 1964). The covariance of six measurements with the information of the others added,
+    [iK_r0 + sum iG_k]^-1 (Platonov and Ivanov 2013, pp. 135-138), supposes independent errors; it is then the
+    covariance of all measurements whichever six begin the sum, and K_r0 bounds it from above: see `base_bound`.
+    """
+    from scipy.optimize import linprog  # 0.7 s of import, for this search alone
+
+    rows, s, wanted = _scalar_rows(U, sigma, p)
+    unit = np.linalg.norm(rows, axis=0)
+    unit = np.where(unit > 0.0, unit, 1.0)
+    equations = (rows / unit).T
+    right = wanted / unit
+    size = float(np.abs(right).max())
+    if size == 0.0:
+        nothing = np.zeros(len(rows))
+        return FewMeasurements(bound=0.0, weights=nothing, rows=np.array([], dtype=np.int64), bound_all=0.0)
+    found = linprog(
+        np.ones(2 * len(rows)), A_eq=np.hstack([equations, -equations]), b_eq=right / size, method="highs-ds"
+    )
+    if found.status != 0:
+        raise GeometryError("few_measurements: the measurements do not determine the predicted quantity")
+    a = size * (found.x[: len(rows)] - found.x[len(rows) :])
+    least = np.linalg.lstsq(equations, right, rcond=None)[0]  # shortest a: the least-squares weights
+    used = np.flatnonzero(np.abs(a) > 1e-12 * np.abs(a).max())
+    return FewMeasurements(bound=float(np.abs(a).sum()), weights=a / s, rows=used, bound_all=float(np.abs(least).sum()))
+
+
+def base_bound(U: Array, sigma: Array, rows: npt.ArrayLike) -> Array:
+    """Factor S of K_r0 = S S^T, the covariance from s measurements alone: an upper bound of that from all.
+
+    Parameters
+    ----------
+    rows : the base, at least s measurements that determine the state, e.g. `few_measurements(...).rows`.
+
+    Raises
+    ------
+    GeometryError
+        If they do not determine it.
+    """
+    white, _, _ = _scalar_rows(U, sigma, np.zeros(np.shape(U)[1]))
+    R = np.asarray(np.linalg.qr(white[np.asarray(rows, dtype=np.int64)], mode="r"), dtype=np.float64)
+    if R.shape[0] < R.shape[1] or not conditioning(R).observable:
+        raise GeometryError("base_bound: these measurements do not determine the state")
+    return solve_upper(R, np.eye(len(R)))
+
+
+def _scalar_rows(U: Array, sigma: Array, p: Array) -> tuple[Array, Array, Array]:
+    """Check shapes; return rows in units of their sigma, the sigmas, and p."""
+    partials, s, wanted = (np.asarray(value, dtype=np.float64) for value in (U, sigma, p))
+    if partials.ndim != 2 or s.shape != partials.shape[:1] or wanted.shape != partials.shape[1:]:
+        raise InputError(
+            f"few_measurements: needs U (m, s), sigma (m,) and p (s,), got {partials.shape}, {s.shape}, {wanted.shape}"
+        )
+    if not (s > 0.0).all():
+        raise InputError("few_measurements: every sigma must be positive")
+    return partials / s[:, None], s, wanted

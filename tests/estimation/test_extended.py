@@ -1,8 +1,11 @@
 """Klaus' filter, worst correlation, and the gain they rest on."""
 
+import itertools
+
 import numpy as np
 import pytest
 
+from nebosvod.errors import GeometryError, InputError
 from nebosvod.estimation import extended
 from nebosvod.estimation.sources import measurement_gain
 
@@ -89,3 +92,74 @@ def test_worst_prediction_is_between_the_noise_share_and_the_absolute_bound(make
 def test_bias_imitates_works_on_blocks(make_problem):
     problem = make_problem(seed=3)
     assert extended.bias_imitates(problem, "state", "bias A").covariance is not None
+
+
+def few_case(seed, m=9, s=3):
+    rng = np.random.default_rng(seed)
+    return rng.normal(size=(m, s)), rng.uniform(0.5, 2.0, m), rng.normal(size=s)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_lidovs_few_measurements_are_the_best_of_all_subsets_by_brute_force(seed):
+    """All 84 choices of three measurements out of nine determine the state of three; none bounds it better."""
+    U, sigma, p = few_case(seed)
+    found = extended.few_measurements(U, sigma, p)
+    assert len(found.rows) <= 3
+    np.testing.assert_allclose(U.T @ found.weights, p, atol=1e-12)
+    assert found.bound == pytest.approx(np.abs(found.weights) @ sigma, rel=1e-12)
+    best = min(
+        np.abs(np.linalg.solve(U[list(rows)].T, p)) @ sigma[list(rows)] for rows in itertools.combinations(range(9), 3)
+    )
+    assert found.bound == pytest.approx(best, rel=1e-9)
+
+
+def test_six_measurements_suffice_for_a_state_of_six_and_no_correlation_passes_their_bound():
+    U, sigma, p = few_case(1, m=60, s=6)
+    found = extended.few_measurements(U, sigma, p)
+    assert len(found.rows) == 6
+    W = np.diag(sigma**-2.0)
+    least = W @ U @ np.linalg.solve(U.T @ W @ U, p)
+    assert found.bound_all == pytest.approx(np.abs(least) @ sigma, rel=1e-9)
+    assert found.bound < 0.9 * found.bound_all  # least squares is not the best against all correlations
+    rng = np.random.default_rng(2)
+    for _ in range(300):
+        A = rng.normal(size=(60, rng.integers(1, 4)))
+        correlation = A @ A.T
+        unit = np.sqrt(np.diag(correlation))
+        K = sigma[:, None] * correlation / np.outer(unit, unit) * sigma
+        assert np.sqrt(found.weights @ K @ found.weights) <= found.bound * (1 + 1e-12)
+        assert np.sqrt(least @ K @ least) <= found.bound_all * (1 + 1e-12)
+    signs = np.sign(found.weights) * sigma
+    assert np.sqrt(found.weights @ np.outer(signs, signs) @ found.weights) == pytest.approx(found.bound, rel=1e-12)
+
+
+def test_a_base_with_the_information_of_the_rest_added_is_the_covariance_of_all_and_the_base_bounds_it():
+    """[iK_r0 + sum iG_k]^-1 for every base of brute force: one matrix, below each K_r0."""
+    U, sigma, _ = few_case(3, m=7)
+    rows = U / sigma[:, None]
+    whole = np.linalg.solve(rows.T @ rows, np.eye(3))
+    for base in itertools.combinations(range(7), 3):
+        S = extended.base_bound(U, sigma, base)
+        K_r0 = S @ S.T
+        rest = rows[[i for i in range(7) if i not in base]]
+        np.testing.assert_allclose(
+            np.linalg.solve(np.linalg.solve(K_r0, np.eye(3)) + rest.T @ rest, np.eye(3)), whole, rtol=1e-6
+        )
+        assert np.linalg.eigvalsh(K_r0 - whole)[0] > -1e-9 * np.trace(K_r0)
+
+
+def test_few_measurements_do_not_depend_on_units_and_refuse_what_is_not_determined():
+    U, sigma, p = few_case(4)
+    unit = np.array([1e-8, 1.0, 1e8])
+    one, two = extended.few_measurements(U, sigma, p), extended.few_measurements(U * unit, sigma, p * unit)
+    assert two.bound == pytest.approx(one.bound, rel=1e-9)
+    assert list(two.rows) == list(one.rows)
+    assert extended.few_measurements(U, sigma, np.zeros(3)).bound == 0.0
+    with pytest.raises(GeometryError, match="do not determine"):
+        extended.few_measurements(U[:2], sigma[:2], p)
+    with pytest.raises(GeometryError, match="do not determine"):
+        extended.base_bound(U, sigma, (0, 1))
+    with pytest.raises(InputError, match="sigma must be positive"):
+        extended.few_measurements(U, 0.0 * sigma, p)
+    with pytest.raises(InputError, match="needs U"):
+        extended.few_measurements(U, sigma[:2], p)
