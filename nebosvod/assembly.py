@@ -2,7 +2,7 @@
 
 Data flow, for one linearisation at a `Point` (a value for every uncertain parameter):
 
-    Point --propagate--> Trajectory --observe, merge--> Observation (psi, H_x0, H_c, H_z)
+    Point --propagate--> Trajectory --observe--> Observation (psi, H_x0, H_c, H_z)
     nuisances --term--> what each does to the measurements (H, covariance)
     residual = observed - computed; blocks = state | each dynamic parameter | each common nuisance
     priors   = what is known of each beforehand, as a deviation from the start of the iteration
@@ -20,13 +20,16 @@ from nebosvod.dynamics import Trajectory
 from nebosvod.estimation import Block, LinearProblem, Markov, Prior, White
 from nebosvod.mission import Estimator
 from nebosvod.mission.fields import Treatment
-from nebosvod.observation import Common, Observation, Term, merge, observe, residual
+from nebosvod.observation import Common, Observation, Term, observe, residual
 from nebosvod.observation import Markov as MarkovTerm
+from nebosvod.observation.astrometry import ROW_FIELDS
 from nebosvod.observation.direction import offset
 from nebosvod.prior import STATE_NAMES, PriorTable
 from nebosvod.scene import Scene
 
 Array = npt.NDArray[np.float64]
+PIECE = 16_384  # epochs observed at a time
+SIMULATION_FIELDS = ("Phi_emission", "zeta_emission")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -64,7 +67,7 @@ class View:
 
 def nominal_point(scene: Scene) -> Point:
     """The reference orbit with every parameter at its nominal value and every nuisance at its mean."""
-    observation = _observation(scene, scene.trajectory)
+    observation = _observation(scene, scene.trajectory, simulates=False)
     means = {
         name: float(value)
         for term in _terms(scene, observation)
@@ -75,10 +78,16 @@ def nominal_point(scene: Scene) -> Point:
     return Point(state=scene.state, parameters=values, nuisances=means)
 
 
-def view(scene: Scene, point: Point) -> View:
-    """Propagate and observe at a point."""
+def view(scene: Scene, point: Point, *, simulates: bool = True) -> View:
+    """Propagate and observe at a point.
+
+    Parameters
+    ----------
+    simulates : whether measurements will be drawn about this point. Without, the partials that only simulation needs
+        are left empty: a fifth of the memory.
+    """
     trajectory = scene.propagate(point.state, scene.forces.with_values(point.parameters))
-    observation = _observation(scene, trajectory)
+    observation = _observation(scene, trajectory, simulates)
     return View(point=point, trajectory=trajectory, observation=observation, terms=_terms(scene, observation))
 
 
@@ -142,14 +151,38 @@ def nuisance_treatment(scene: Scene, estimator: Estimator, name: str) -> Treatme
     return scene.mission.source_treatment(estimator, scene.sources[name])
 
 
-def _observation(scene: Scene, trajectory: Trajectory) -> Observation:
-    """The measurements of all telescopes that see anything, rows by time, then telescope."""
-    seen = [
-        observe(trajectory, telescope, times, scene.ephemeris)
-        for number, telescope in enumerate(scene.telescopes)
-        if (times := scene.exposures_s(number)).size
-    ]
-    return merge(seen)
+def _observation(scene: Scene, trajectory: Trajectory, simulates: bool) -> Observation:
+    """The measurements of all telescopes that see anything, rows by time, then telescope.
+
+    Pieces go straight to their rows: joining whole telescopes would hold every array twice, a gigabyte at 10^6 epochs.
+    """
+    seeing = [number for number in range(len(scene.telescopes)) if scene.exposures_s(number).size]
+    times = [scene.exposures_s(number) for number in seeing]
+    t_s = np.concatenate(times)
+    index = np.repeat(np.arange(len(seeing)), [own.size for own in times])
+    order = np.lexsort((index, t_s))
+    row = np.empty(t_s.size, dtype=np.int64)
+    row[order] = np.arange(t_s.size)
+    rows: dict[str, Array] = {}
+    start = 0
+    for number, own in zip(seeing, times):
+        for first in range(0, own.size, PIECE):
+            piece = observe(trajectory, scene.telescopes[number], own[first : first + PIECE], scene.ephemeris)
+            here = row[start : start + piece.t_s.size]
+            start += piece.t_s.size
+            for name in ROW_FIELDS:
+                values = getattr(piece, name)
+                if name in SIMULATION_FIELDS and not simulates:
+                    rows[name] = values[:0]
+                    continue
+                rows.setdefault(name, np.empty((t_s.size, *values.shape[1:])))[here] = values
+    return Observation(
+        epoch=trajectory.epoch,
+        telescopes=tuple(scene.telescopes[number] for number in seeing),
+        telescope_index=index[order],
+        parameter_names=tuple(trajectory.parameter_names),
+        **rows,
+    )
 
 
 def _terms(scene: Scene, observation: Observation) -> tuple[Term, ...]:

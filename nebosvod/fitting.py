@@ -80,7 +80,7 @@ def fit(scene: Scene, estimator: Estimator, start: View, observed_psi: Array, pr
 
     def linearise(deviation: Mapping[str, float]) -> LinearProblem:
         moved = any(value != 0.0 for value in deviation.values())
-        latest[0] = view(scene, start.point.moved(deviation)) if moved else start
+        latest[0] = view(scene, start.point.moved(deviation), simulates=False) if moved else start
         return linear_problem(scene, estimator, latest[0], observed_psi, priors, about=start.point)
 
     found = gauss_newton(linearise, solve=SOLVERS[estimator.method], limit=estimator.iterations)

@@ -1,7 +1,7 @@
 """Orbits that hit a body: how far they can be followed, and what is predicted of the hit.
 
 An orbit ends at the surface, so it has no closest approach. Its target plane and smallest distance are those of the
-osculating hyperbola where the orbit ends: what they would be if the body were a point. The entry point is where the
+osculating hyperbola ten radii before: what they would be if the body were a point. The entry point is where the
 orbit comes down through a given altitude.
 """
 
@@ -22,6 +22,9 @@ Array = npt.NDArray[np.float64]
 GRAIN_S = 1.0  # an orbit that hits is followed to within this of the surface
 END_S = 2.0  # before its end such an orbit is evaluated: target planes difference it over a second to either side
 FASTEST_KM_S = 75.0  # of any impact on a planet
+NEAR = 30.0  # radii, where the two-body fall is good enough
+GATE = 10.0  # radii, where an approach is described by its osculating hyperbola
+MOST_STEPS = 60
 MOST_HALVINGS = 40
 
 
@@ -40,21 +43,40 @@ def follow(
     EventError
         If it hits before `needed_s`; says what, when, and how deep.
     """
+    first = span_s[0]
     try:
         return propagate(state, epoch, np.array(span_s), forces, sensitivities=sensitivities)
     except EventError:
-        safe, hit = max(needed_s, 0.0), span_s[1]
-        propagate(state, epoch, np.array([span_s[0], safe]), forces, sensitivities=False)
-    for _ in range(MOST_HALVINGS):
-        if hit - safe <= GRAIN_S:
+        end = max(needed_s, 0.0)
+        known = propagate(state, epoch, np.array([first, end]), forces, sensitivities=False)
+    for _ in range(MOST_STEPS):
+        step = min(_time_left(known, body, end) for body in RADIUS_KM) - GRAIN_S
+        if step < 0.5 * GRAIN_S:
             break
-        middle = 0.5 * (safe + hit)
-        try:
-            propagate(state, epoch, np.array([middle]), forces, sensitivities=False)
-            safe = middle
-        except EventError:
-            hit = middle
-    return propagate(state, epoch, np.array([span_s[0], safe]), forces, sensitivities=sensitivities)
+        end = min(end + step, span_s[1])
+        known = propagate(state, epoch, np.array([first, end]), forces, sensitivities=False)
+    return propagate(state, epoch, np.array([first, end]), forces, sensitivities=sensitivities)
+
+
+def _time_left(trajectory: Trajectory, body: str, t_s: float) -> float:
+    """Time, s, until the orbit can be at the surface of a body: a lower bound, close by the two-body time of fall.
+
+    The fall is the integral of dr/|r'|, r'^2 = v^2 + 2 GM (1/r - 1/r0) - h^2/r^2; between
+    30 radii and the surface the Sun and the Earth's J2 change it by less than 0.1 s.
+    """
+    state = relative_state(trajectory, body)(np.array([t_s]))[0]
+    gm, surface = trajectory.forces.ephemeris.gm_km3_s2[body], RADIUS_KM[body]
+    r, v = state[:3], state[3:]
+    distance, speed2 = float(np.linalg.norm(r)), float(v @ v)
+    h2 = float(np.sum(np.cross(r, v) ** 2))
+    left = (distance - surface) / np.sqrt(speed2 + 2.0 * gm / surface)
+    if distance > NEAR * surface or r @ v >= 0.0:
+        return float(left)
+    node, weight = np.polynomial.legendre.leggauss(60)
+    half = 0.5 * (distance - surface)
+    at = surface + half * (node + 1.0)
+    radial2 = speed2 + 2.0 * gm * (1.0 / at - 1.0 / distance) - h2 / at**2
+    return float(left) if np.any(radial2 <= 0.0) else float(half * np.sum(weight / np.sqrt(radial2)))
 
 
 def impact(trajectory: Trajectory, body: str) -> Encounter | None:
@@ -69,9 +91,21 @@ def impact(trajectory: Trajectory, body: str) -> Encounter | None:
     return Encounter(body=body, epoch=epoch, t_s=end_s, distance_km=distance, speed_km_s=speed, state=state)
 
 
+def gate(trajectory: Trajectory, hit: Encounter) -> Encounter:
+    """The same approach ten radii out, where the body still acts as a point; where it ends, if it begins closer."""
+    relative = relative_state(trajectory, hit.body)
+    t = _descent(relative, hit, GATE * RADIUS_KM[hit.body])
+    if t is None:
+        return hit
+    state = relative(np.array([t]))[0]
+    distance, speed = (float(np.linalg.norm(part)) for part in (state[:3], state[3:]))
+    epoch = trajectory.epoch + t
+    return Encounter(body=hit.body, epoch=epoch, t_s=t, distance_km=distance, speed_km_s=speed, state=state)
+
+
 def osculating_perigee(trajectory: Trajectory, hit: Encounter) -> tuple[float, Array, Array]:
     """Smallest distance of the osculating orbit, km, with its partials (6,) and (m,) as of `perigee_distance`."""
-    gm = trajectory.forces.ephemeris.gm_km3_s2[hit.body]
+    gm, hit = trajectory.forces.ephemeris.gm_km3_s2[hit.body], gate(trajectory, hit)
 
     def perigee(x: npt.NDArray[np.complex128]) -> npt.NDArray[np.complex128]:
         r, v = x[:3], x[3:]

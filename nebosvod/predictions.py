@@ -14,7 +14,7 @@ import numpy.typing as npt
 from nebosvod.dynamics import Encounter, Trajectory, find_encounters, perigee_distance, target_plane
 from nebosvod.errors import InputError
 from nebosvod.estimation import Estimate, ellipse
-from nebosvod.impact import entry_point, impact, osculating_perigee
+from nebosvod.impact import entry_point, gate, impact, osculating_perigee
 from nebosvod.mission.request import EncounterPrediction, Prediction, SkyPrediction, StatePrediction
 from nebosvod.observation import observe
 from nebosvod.prior import STATE_NAMES
@@ -138,7 +138,7 @@ def _encounter(scene: Scene, trajectory: Trajectory, request: EncounterPredictio
             f"predictions: {request.name}: the orbit hits {request.body} on {epoch.iso(digits=0)} and has no closest "
             "approach for mtp; use b_plane or entry"
         )
-    plane = target_plane(trajectory, event, kind=request.plane)
+    plane = target_plane(trajectory, gate(trajectory, event) if hits else event, kind=request.plane)
     return _make(
         request,
         epoch,

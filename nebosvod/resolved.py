@@ -1,6 +1,6 @@
 """What a mission resolves to, in words: the output of `nebosvod check`. Loads nothing heavy."""
 
-from nebosvod.mission import Mission, estimate_cost
+from nebosvod.mission import Bias, Mission, Photocentre, Position, Source, Timing, estimate_cost
 
 DEG = 57.29577951308232
 ARCSEC = 206264.80624709636
@@ -20,10 +20,8 @@ def describe(mission: Mission) -> str:
     for telescope in mission.telescopes:
         ra, dec = (sigma * ARCSEC for sigma in telescope.noise.sigma_rad)
         noise = f"{ra:.3g} arcsec" if ra == dec else f"{ra:.3g} x {dec:.3g} arcsec"
-        lines.append(
-            f"telescope        {telescope.name}: {telescope.orbit.kind}, noise {noise}"
-            + _errors(mission, telescope.name)
-        )
+        lines.append(f"telescope        {telescope.name}: {telescope.orbit.kind}, noise {noise}")
+    lines += [_source(source) for source in mission.sources]
     for arc in mission.schedule:
         who = "all telescopes" if arc.telescopes == "all" else ", ".join(arc.telescopes)
         lines.append(f"schedule         {who}: {arc.start} to {arc.end}, {arc.count} epochs")
@@ -37,17 +35,32 @@ def describe(mission: Mission) -> str:
     return "\n".join(lines)
 
 
-def _errors(mission: Mission, name: str) -> str:
-    """Bias and position error of a telescope in words."""
-    telescope, said = mission.telescope(name), ""
-    if telescope.bias is not None:
-        pair = telescope.bias.sigma_rad
-        size = "no prior" if pair is None else f"{pair[0] * ARCSEC:.3g} arcsec"
-        said += f", bias {size} ({telescope.bias.treatment})"
-    if telescope.position is not None:
-        kind = telescope.position.correlation.replace("_", "-")
-        said += f", position {telescope.position.sigma_km[0]:.3g} km {kind} ({telescope.position.treatment})"
-    return said
+def _source(source: Source) -> str:
+    """One source of uncertainty in words: how large, how correlated, its treatment."""
+    error, kind = source.error, str(getattr(source.error, "correlation", "constant")).replace("_", "-")
+    said = [f"{size}, " for size in _sizes(error)[:1]] or ["no prior, "]
+    more = "".join(f", {size}" for size in _sizes(error)[1:])
+    whom = f" on {', '.join(source.telescopes)}" if source.path[0] == "shared" else ""
+    return f"uncertain        {source.name}: {said[0]}{kind}{more}{whom} ({error.treatment})"
+
+
+def _sizes(error: Bias | Position | Timing | Photocentre) -> list[str]:
+    """Sigma and whatever else says how large an error is."""
+    if isinstance(error, Position):
+        sizes = [" x ".join(f"{s:.3g}" for s in dict.fromkeys(error.sigma_km)) + " km"]
+        if error.correlation == "orbit_error" and error.covariance is None:
+            sizes.append(" x ".join(f"{1e6 * s:.3g}" for s in dict.fromkeys(error.sigma_km_s)) + " mm/s")
+        every = error.renewal
+        return sizes + ([f"renewed every {every / 86400.0:.3g} d"] if every is not None else [])
+    if isinstance(error, Bias):
+        pair = error.sigma_rad
+        sizes = [] if pair is None else [" x ".join(f"{s * ARCSEC:.3g}" for s in dict.fromkeys(pair)) + " arcsec"]
+        return sizes + ([f"{error.drift * ARCSEC * 86400.0:.3g} arcsec/d"] if error.drift is not None else [])
+    if error.sigma is None:
+        return []
+    return [
+        f"{error.sigma:.3g} s" if isinstance(error, Timing) else f"amplitude {error.value:.3g} +- {error.sigma:.3g}"
+    ]
 
 
 def _prior(mission: Mission) -> str:
