@@ -110,7 +110,7 @@ class GridBlock:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class EquivalentMeasurement:
-    """Linear measurement y = H x + v, v ~ N(0, R), R diagonal, that leads from a prior to a posterior."""
+    """Linear measurement y = H x + v, v ~ N(0, R), that leads from a prior to a posterior; R diagonal, drift apart."""
 
     y: Array
     H: Array
@@ -153,10 +153,40 @@ def equivalent_measurement(prior: Belief, posterior: Belief, tolerance: float = 
     )
 
 
+def drift_covariance(P_rate: Array, interval: float) -> Array:
+    """Covariance of what the nonlinear coordinates drift over a block's interval, which the block holds still.
+
+    Parameters
+    ----------
+    P_rate : shape (d, d), covariance of their rate of error at the filter. interval : length, in the rate's time.
+
+    Notes
+    -----
+    The error at the end differs from that at a moment t of the interval T by rate (T - t); its mean square over the
+    interval is P_rate T^2 / 3. This is the dQ_L of Stepanov's (31).
+    """
+    return np.asarray(P_rate, dtype=np.float64) * (interval**2 / 3.0)
+
+
+def with_drift(measurement: EquivalentMeasurement, dQ: Array) -> EquivalentMeasurement:
+    """Add the drift dQ (k, k) of the measured coordinates over the block's interval: R + H dQ H^T."""
+    return replace(measurement, R=measurement.R + measurement.H @ dQ @ measurement.H.T)
+
+
 def ready(block: Belief, d: int, drift: float) -> bool:
-    """Whether the block is narrow enough to be condensed: minor semi-axis down to the drift over its interval."""
-    semi_axes = np.linalg.svd(block.factor[:d], compute_uv=False)
-    return bool(semi_axes[min(d, len(semi_axes)) - 1] <= drift)
+    """Whether the block is to be condensed now: minor semi-axis of its ellipse down to the drift over its interval.
+
+    Parameters
+    ----------
+    block : moments of the block, the d nonlinear coordinates first.
+    drift : sigma of the drift, e.g. the root of the largest eigenvalue of `drift_covariance`.
+
+    Notes
+    -----
+    Earlier the block is still nonlinear; later its coordinates have moved by more than it resolves.
+    """
+    semi_axes = np.linalg.svd(np.hstack([block.factor[:d], np.zeros((d, d))]), compute_uv=False)
+    return bool(semi_axes[d - 1] <= drift)
 
 
 def adapt(

@@ -5,7 +5,14 @@ import pytest
 
 from nebosvod.errors import GeometryError
 from nebosvod.estimation import kalman
-from nebosvod.estimation.combined import GridBlock, adapt, equivalent_measurement, ready
+from nebosvod.estimation.combined import (
+    GridBlock,
+    adapt,
+    drift_covariance,
+    equivalent_measurement,
+    ready,
+    with_drift,
+)
 from nebosvod.estimation.kalman import Belief
 
 
@@ -104,3 +111,69 @@ def test_a_block_is_ready_when_its_minor_axis_is_down_to_the_drift():
     block = Belief.of(np.zeros(3), np.diag([100.0, 0.04, 1.0]))
     assert ready(block, 2, drift=0.25)
     assert not ready(block, 2, drift=0.1)
+    flat = Belief(mean=np.zeros(2), factor=np.array([[1.0], [0.0]]))  # no width at all in one direction
+    assert ready(flat, 2, drift=1e-9)
+
+
+def test_the_drift_over_the_interval_makes_the_correction_honest():
+    """A block holds x still while it moves at an unknown rate: the correction to x at the end needs dQ_L."""
+    rng = np.random.default_rng(3)
+    T, n, sigma, rate = 2.0, 20, 0.05, 0.2
+    t = np.linspace(0.0, T, n)
+    prior = Belief.of([0.0], [[1.0]])
+    plain, drifting = [], []
+    for _ in range(60):
+        x, v = rng.normal(), rate * rng.normal()
+        block = GridBlock.of_prior(prior, 1, points=401)
+        for k in range(n):
+            y = np.array([x + v * (t[k] - T) + sigma * rng.normal()])
+            block = block.update(y, block.nodes, np.zeros((1, 0)), sigma**2 * np.eye(1))
+        linear = equivalent_measurement(prior, block.moments())
+        for out, measurement in (
+            (plain, linear),
+            (drifting, with_drift(linear, drift_covariance(np.array([[rate**2]]), T))),
+        ):
+            after, _ = kalman.update(prior, measurement.y, measurement.H, measurement.R)
+            out.append(kalman.normalized_error_squared(after, np.array([x])))
+    assert np.mean(plain) > 50.0
+    # The drift about the middle is T^2/4 and the mean square T^2/3: honest with a margin of a third.
+    assert 0.45 < np.mean(drifting) < 1.1
+
+
+def test_the_blocks_prior_is_the_filters_marginal_and_a_broad_one_misses_the_root():
+    """y = x^2: the filter knows the sign. A block of its own broad prior is bimodal and drags the estimate to zero."""
+    marginal = Belief.of([1.2], [[0.35**2]])
+    broad = Belief.of([0.0], [[3.0**2]])
+    R, y = 0.2**2 * np.eye(1), np.array([1.5**2])
+
+    def corrected(own):
+        block = GridBlock.of_prior(own, 1, points=2001, reach=5.0)
+        block = block.update(y, block.nodes**2, np.zeros((1, 0)), R)
+        linear = equivalent_measurement(own, block.moments())
+        return kalman.update(marginal, linear.y - linear.H @ marginal.mean, linear.H, linear.R)[0]
+
+    x = np.linspace(-3.0, 5.0, 200001)
+    density = np.exp(-0.5 * ((x - 1.2) / 0.35) ** 2 - 0.5 * ((1.5**2 - x**2) / 0.2) ** 2)
+    mean = np.sum(density * x) / density.sum()
+    variance = np.sum(density * (x - mean) ** 2) / density.sum()
+    right, wrong = corrected(marginal), corrected(broad)
+    assert right.mean[0] == pytest.approx(mean, abs=1e-6)
+    assert right.covariance[0, 0] == pytest.approx(variance, rel=1e-4)
+    assert abs(wrong.mean[0] - mean) > 2.0 * np.sqrt(variance)
+    assert wrong.covariance[0, 0] > 10.0 * variance  # and the measurement is wasted
+
+
+def test_an_axis_aligned_grid_across_a_ridge_gives_four_to_seven_tenths_of_the_sigmas():
+    """41 x 41 nodes along the axes, a ridge 250 times as long as wide: few nodes hit it, and by chance."""
+    along, across = np.array([np.cos(0.7), np.sin(0.7)]), np.array([-np.sin(0.7), np.cos(0.7)])
+    axis = np.linspace(-4.0, 4.0, 41)
+    nodes = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
+    for centre in ([0.0, 0.0], [0.13, 0.05]):
+        away = nodes - centre
+        log_weight = -0.5 * (away @ along) ** 2 - 0.5 * (away @ across / 0.004) ** 2
+        rest = np.zeros((len(nodes), 0))
+        block = GridBlock(nodes=nodes, log_weight=log_weight, mean=rest, covariance=np.zeros((0, 0)))
+        found = block.moments().covariance
+        assert block.effective < 30.0  # which is how `adapt` knows
+        assert 0.4 < np.sqrt(along @ found @ along) < 0.7
+        assert 0.4 < np.sqrt(across @ found @ across) / 0.004 < 0.7
