@@ -129,7 +129,7 @@ def _encounter(scene: Scene, trajectory: Trajectory, request: EncounterPredictio
         "speed_km_s": event.speed_km_s,
     }
     if request.plane == "entry":
-        return _entry(trajectory, event, request, facts)
+        return _entry(scene, trajectory, event, request)
     if request.plane == "perigee_distance":
         distance, by_state, by_parameters = (osculating_perigee if hits else perigee_distance)(trajectory, event)
         return _make(request, epoch, "km", np.array([distance]), by_state, by_parameters, trajectory, facts)
@@ -151,14 +151,27 @@ def _encounter(scene: Scene, trajectory: Trajectory, request: EncounterPredictio
     )
 
 
-def _entry(trajectory: Trajectory, event: Encounter, request: EncounterPrediction, facts: dict[str, Any]) -> Quantity:
-    """Point of entry at an altitude: downrange and crossrange over the ground, km."""
+def _entry(scene: Scene, trajectory: Trajectory, event: Encounter, request: EncounterPrediction) -> Quantity:
+    """Point of entry at an altitude: downrange and crossrange over the ground, km.
+
+    Where a poorly known orbit passes the body by although the reference orbit enters, the reference orbit is asked.
+    """
+    evaluated_on = "estimated orbit"
     try:
         entry = entry_point(trajectory, event, request.altitude or 0.0)
-    except InputError as error:
-        raise InputError(f"predictions: {request.name}: {error}") from None
-    facts |= {"altitude_km": request.altitude, "speed_km_s": entry.speed_km_s}
-    facts["path_below_horizon_deg"] = float(np.degrees(entry.elevation_rad))
+    except InputError:
+        evaluated_on, trajectory = "reference orbit", scene.trajectory
+        try:
+            entry = entry_point(trajectory, _nearest_encounter(scene, trajectory, request)[0], request.altitude or 0.0)
+        except InputError as error:
+            raise InputError(f"predictions: {request.name}: {error}") from None
+    facts = {
+        "body": request.body,
+        "evaluated_on": evaluated_on,
+        "altitude_km": request.altitude,
+        "speed_km_s": entry.speed_km_s,
+        "path_below_horizon_deg": float(np.degrees(entry.elevation_rad)),
+    }
     if request.body == "earth":
         facts["longitude_deg"] = float(np.degrees(entry.longitude_rad))
         facts["latitude_geocentric_deg"] = float(np.degrees(entry.latitude_rad))

@@ -421,7 +421,7 @@ def documented() -> list[str]:
         for part in sections
         if "..." not in part
         and "prior: orbit" not in part
-        and f"\n{part.split(':')[0]}:" in BASE + "\nmonte_carlo:\nreport:"
+        and f"\n{part.split(':')[0]}:" in BASE + "\nmonte_carlo:\nreport:\nshared:"
     ]
 
 

@@ -4,6 +4,7 @@ import json
 import math
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from nebosvod.mission import (
@@ -16,6 +17,8 @@ from nebosvod.mission import (
     load_mission_text,
     template_text,
 )
+from nebosvod.pipeline import run
+from nebosvod.result import Result
 from nebosvod.timescale import Epoch
 from nebosvod.units import AU_KM
 
@@ -34,6 +37,7 @@ def apophis(request: pytest.FixtureRequest) -> Mission:
 def test_the_promised_missions_are_built_in_with_titles() -> None:
     missions = dict(list_missions())
     assert {"apophis-2029", "apophis-heliocentric", "minimal"} <= set(missions)
+    assert {"neomir-like", "soda-like", "surveyor-venus"} <= set(missions)
     assert all(missions.values())
 
 
@@ -119,3 +123,41 @@ def test_minimal_is_about_twenty_lines() -> None:
 @pytest.mark.parametrize("name", ["mine", "null", "моя миссия", 'a"b', "x: y", "-", "a\\b"])
 def test_the_template_is_a_mission_of_the_name_asked_for(name: str) -> None:
     assert load_mission_text(template_text(name)).name == name
+
+
+@pytest.fixture(scope="module", params=["neomir-like", "soda-like", "surveyor-venus"])
+def published(request: pytest.FixtureRequest) -> Result:
+    """The result of a mission modelled on a published concept."""
+    return run(load_mission(request.param))
+
+
+def test_a_mission_after_a_published_concept_runs_and_its_estimators_agree(published: Result) -> None:
+    rows = published.summary["estimators"]
+    assert [row["status"] for row in rows] == ["converged"] * len(rows)
+    assert rows[0]["sigma_position_km"] == pytest.approx(rows[1]["sigma_position_km"], rel=1e-6)
+    visible = published.tables["visibility"].columns["visible"]
+    assert np.count_nonzero(visible) == published.summary["n_observations"]
+
+
+# km, semi-axes at 1 sigma of the first estimator: what docs/missions.md quotes
+QUOTED = {
+    "neomir-like": ("entry point", (87.4, 9.91)),
+    "soda-like": ("entry point", (6.64, 1.58)),
+    "surveyor-venus": ("encounter", (45.5, 22.0)),
+}
+
+
+def test_the_accuracies_that_the_documentation_quotes_are_those_of_a_run(published: Result) -> None:
+    name, quoted = QUOTED[published.summary["mission"]]
+    row = next(row for row in published.summary["predictions"] if row["name"] == name)
+    assert row["semi_axes_km"] == pytest.approx(quoted, rel=0.02)  # of the orbit fitted to seed 0
+    page = (ROOT / "docs" / "missions.md").read_text("utf-8")
+    assert all(f"{size:.3g} km" in page or f"{size:g}" in page for size in quoted)
+
+
+def test_one_spacecraft_at_l1_alone_is_far_worse_than_two() -> None:
+    text = load_mission("soda-like").text.replace("  - {start:", "  - {telescopes: [SODA-1], start:")
+    second = text[text.index("  - name: SODA-2") : text.index("schedule:")]
+    alone = run(load_mission_text(text.replace(second, "\n")))
+    row = next(row for row in alone.summary["predictions"] if row["name"] == "entry point")
+    assert row["semi_axes_km"][0] > 3.0 * QUOTED["soda-like"][1][0]
