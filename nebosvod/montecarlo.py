@@ -2,8 +2,10 @@
 
 The orbit of each truth is linear about the reference (by Phi and zeta), the measurement is not: direction and light
 time are computed in full. Run i draws from its own seed, so the result does not depend on how runs are shared out.
+Every truth is estimated with one factorisation of the problem at the reference (`nebosvod.estimation.repeated`).
 """
 
+import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -12,7 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from nebosvod.assembly import View, computed_psi, linear_problem
-from nebosvod.estimation import Estimate
+from nebosvod.estimation import Estimate, LinearProblem
+from nebosvod.estimation.repeated import Repeated
 from nebosvod.fitting import SOLVERS, Fit
 from nebosvod.mission import Estimator
 from nebosvod.observation import Common, draw_noise, draw_truth, measure, residual
@@ -21,6 +24,8 @@ from nebosvod.scene import Scene
 
 Array = npt.NDArray[np.float64]
 LEVELS = (0.5, 0.9, 0.99)
+# these all give K_formal H^T W v, so one factor serves every residual; any other method is solved anew for each
+ONE_FACTOR = ("batch_qr", "batch_blocks", "batch_identity", "recursive")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -47,6 +52,49 @@ class Sample:
         return total
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Estimating:
+    """One estimator, ready for any number of residual vectors about the nominal point.
+
+    Attributes
+    ----------
+    base : the problem at the nominal point with zero residual.
+    reference : its estimate; `solution` is None where the problem is not observable.
+    repeated : the affine map from residuals to estimates, where the method has one.
+    """
+
+    estimator: Estimator
+    base: LinearProblem
+    reference: Estimate
+    repeated: Repeated | None
+
+    @classmethod
+    def of(cls, scene: Scene, estimator: Estimator, nominal: View, priors: PriorTable) -> "Estimating":
+        """Prepare an estimator at the nominal point."""
+        base = linear_problem(scene, estimator, nominal, computed_psi(nominal), priors, about=nominal.point)
+        reference = _solved(estimator, base)
+        affine = estimator.method in ONE_FACTOR and reference.solution is not None
+        repeated = Repeated.of(base, reference) if affine else None
+        return cls(estimator=estimator, base=base, reference=reference, repeated=repeated)
+
+    def means(self, residuals: Array) -> Array:
+        """Estimated deviations (N, s) from the nominal point for residuals (N, n, 2)."""
+        if self.repeated is not None:
+            return self.repeated.means(residuals)
+        return np.array([self.solved_anew(one) for one in residuals])
+
+    def solved_anew(self, one: Array) -> Array:
+        """Estimated deviations (s,) by the estimator's own method, from the measurements on."""
+        return _solved(self.estimator, replace(self.base, residual=one)).mean
+
+
+def _solved(estimator: Estimator, problem: LinearProblem) -> Estimate:
+    """Solve by the estimator's method; what it warns of (the filter as printed) is judged here, not repeated."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        return SOLVERS[estimator.method](problem)
+
+
 def repeat(
     scene: Scene,
     estimator: Estimator,
@@ -63,18 +111,21 @@ def repeat(
     nominal : the nominal point, seen.
     seed : run i draws from SeedSequence(seed, spawn_key=(i,)).
     """
-    base = linear_problem(scene, estimator, nominal, computed_psi(nominal), priors, about=nominal.point)
-    solve = SOLVERS[estimator.method]
-    reference = solve(base)
-    errors = np.empty((runs, len(reference.names)))
+    estimating = Estimating.of(scene, estimator, nominal, priors)
+    computed = computed_psi(nominal)
+    names = estimating.reference.names
+    errors = np.empty((runs, len(names)))
     for i in range(runs):
         if i % 100 == 0:
             progress(f"Monte Carlo: {i} of {runs} runs")
-        rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(i,)))
-        psi, truth = measured_truth(scene, nominal, priors, rng)
-        estimate = solve(replace(base, residual=residual(psi, computed_psi(nominal))))
-        errors[i] = estimate.mean - np.array([truth[name] for name in estimate.names])
-    return Sample(names=reference.names, errors=errors, reference=reference)
+        psi, truth = measured_truth(scene, nominal, priors, generator(seed, i))
+        errors[i] = estimating.means(residual(psi, computed)[None])[0] - np.array([truth[name] for name in names])
+    return Sample(names=names, errors=errors, reference=estimating.reference)
+
+
+def generator(seed: int, run: int) -> np.random.Generator:
+    """The random numbers of one run, whoever computes it."""
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(run,)))
 
 
 def measured_truth(

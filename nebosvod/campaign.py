@@ -1,0 +1,354 @@
+"""A validation campaign: many runs in chunks, each chunk one file; what is on disk is never computed again.
+
+The chunk is the unit of work and of safety: its runs, its size and its arithmetic do not depend on who computes it,
+so an interrupted campaign continues to the same bytes, with any number of workers.
+"""
+
+import fcntl
+import io
+import json
+import math
+import os
+import shutil
+import zipfile
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from nebosvod import __version__
+from nebosvod.assembly import View, computed_psi, nominal_point, view
+from nebosvod.errors import EventError, InputError, OutputError
+from nebosvod.estimation import Block, Markov, White
+from nebosvod.estimation.repeated import Innovations
+from nebosvod.fitting import fit
+from nebosvod.mission import Mission, load_mission
+from nebosvod.montecarlo import Estimating, generator, measured_truth
+from nebosvod.observation import residual
+from nebosvod.prior import PriorTable, prior_table
+from nebosvod.result import npz_bytes, sha256_of
+from nebosvod.scene import Scene, build_scene
+from nebosvod.truth import Truth, draw
+
+Array = npt.NDArray[np.float64]
+CHUNK_RUNS = {"linear": 50, "full": 10}
+CHUNK_NUMBERS = 4_000_000  # residuals held at a time
+NIS_ROWS = 20_000  # a pass over more measurements than these costs minutes and gigabytes: no NIS then
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Campaign:
+    """What fixes every run of a campaign; runs with one of these have one result."""
+
+    mission: str
+    mission_sha256: str
+    inputs_sha256: tuple[str, ...]
+    version: str
+    seed: int
+    mode: str
+    chunk_runs: int
+
+    @classmethod
+    def of(cls, mission: Mission, seed: int, full: bool, rows: int) -> "Campaign":
+        """The campaign of a mission with so many measurements."""
+        mode = "full" if full else "linear"
+        return cls(
+            mission=str(mission.path.resolve()) if mission.path is not None else mission.name,
+            mission_sha256=mission.sha256,
+            inputs_sha256=tuple(sha256_of(path) for path in mission.input_files),
+            version=__version__,
+            seed=seed,
+            mode=mode,
+            chunk_runs=max(1, min(CHUNK_RUNS[mode], CHUNK_NUMBERS // max(2 * rows, 1))),
+        )
+
+    def same_runs(self, other: Mapping[str, Any]) -> bool:
+        """Whether a stored campaign has the same runs; the mission may have moved to another path."""
+        mine, theirs = json.loads(json.dumps(asdict(self))), dict(other)
+        return {**mine, "mission": ""} == {**theirs, "mission": ""}
+
+
+class CampaignFolder:
+    """Owner of a validation folder while it is filled: lock, campaign.json, chunks, the result.
+
+    Raises
+    ------
+    OutputError
+        When another process holds the folder, it holds another campaign, or the place cannot be written.
+    """
+
+    def __init__(self, folder: Path, campaign: Campaign, *, overwrite: bool = False) -> None:
+        self.folder, self.campaign, self._overwrite = folder, campaign, overwrite
+        self._lock = Path(os.path.abspath(folder)).with_name(f".{Path(os.path.abspath(folder)).name}.lock")
+        self._handle: IO[str] | None = None
+
+    def __enter__(self) -> "CampaignFolder":
+        try:
+            self._lock.parent.mkdir(parents=True, exist_ok=True)
+            self._handle = self._lock.open("w", encoding="ascii")
+            fcntl.flock(self._handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            self._open()
+        except BlockingIOError:
+            self._release(keep=True)
+            raise OutputError(f"{self.folder}: another validation is writing here; wait or use -o") from None
+        except OSError as error:
+            self._release()
+            raise OutputError(f"{self.folder}: cannot write here: {error.strerror}; choose another with -o") from None
+        except OutputError:
+            self._release()
+            raise
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._release()
+
+    def missing(self, runs: int) -> list[int]:
+        """Numbers of the chunks of `runs` runs that are not on disk whole."""
+        return [i for i in range(self.chunks(runs)) if read_chunk(self.folder, i, self.campaign.chunk_runs) is None]
+
+    def chunks(self, runs: int) -> int:
+        """How many chunks hold so many runs; the last one may have more than are asked for."""
+        return math.ceil(runs / self.campaign.chunk_runs)
+
+    def collected(self, runs: int) -> dict[str, npt.NDArray[Any]]:
+        """The arrays of the first `runs` runs, joined along the first axis."""
+        parts = [read_chunk(self.folder, i, self.campaign.chunk_runs) for i in range(self.chunks(runs))]
+        whole = [part for part in parts if part is not None]
+        return {name: np.concatenate([part[name] for part in whole])[:runs] for name in whole[0]}
+
+    def publish(self, text: str) -> Path:
+        """Write validation.json in one step; returns its path."""
+        return write_whole(self.folder / "validation.json", text.encode("utf-8"))
+
+    def _open(self) -> None:
+        record = self.folder / "campaign.json"
+        if self.folder.exists() and not record.is_file() and any(self.folder.iterdir()):
+            raise OutputError(f"{self.folder}: exists and is not a validation folder; choose another with -o")
+        if record.is_file() and not self.campaign.same_runs(_read_record(record)):
+            if not self._overwrite:
+                raise OutputError(
+                    f"{self.folder}: holds runs of another mission, seed, mode or program version; "
+                    "use --overwrite to begin anew, or -o for another folder"
+                )
+            shutil.rmtree(self.folder / "chunks", ignore_errors=True)
+            (self.folder / "validation.json").unlink(missing_ok=True)
+        (self.folder / "chunks").mkdir(parents=True, exist_ok=True)
+        for left in (self.folder / "chunks").glob("*.partial"):
+            left.unlink(missing_ok=True)
+        write_whole(record, (json.dumps(asdict(self.campaign), indent=1) + "\n").encode("utf-8"))
+
+    def _release(self, keep: bool = False) -> None:
+        if self._handle is not None:
+            if not keep:
+                self._lock.unlink(missing_ok=True)
+            self._handle.close()
+            self._handle = None
+
+
+def _read_record(path: Path) -> dict[str, Any]:
+    try:
+        found = json.loads(path.read_text("utf-8"))
+    except ValueError:
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+def write_whole(path: Path, data: bytes) -> Path:
+    """Write a file under another name, then put it in place in one step."""
+    fresh = path.with_name(f".{path.name}.{os.getpid()}.partial")
+    try:
+        with fresh.open("wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        fresh.replace(path)
+    except OSError as error:
+        fresh.unlink(missing_ok=True)
+        raise OutputError(f"{path}: cannot write: {error.strerror}; finished chunks are kept") from None
+    return path
+
+
+def chunk_path(folder: Path, number: int) -> Path:
+    """Where a chunk lies."""
+    return folder / "chunks" / f"{number:06d}.npz"
+
+
+def read_chunk(folder: Path, number: int, runs: int) -> dict[str, npt.NDArray[Any]] | None:
+    """The arrays of a chunk; None where it is absent, cut or damaged, to be computed again."""
+    try:
+        data = chunk_path(folder, number).read_bytes()
+        with np.load(io.BytesIO(data), allow_pickle=False) as stored:
+            arrays = {name: stored[name] for name in stored.files}
+    except (OSError, ValueError, zipfile.BadZipFile, EOFError, KeyError):
+        return None
+    return arrays if arrays and all(len(array) == runs for array in arrays.values()) else None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Setting:
+    """What every run of a campaign starts from."""
+
+    scene: Scene
+    priors: PriorTable
+    nominal: View
+    estimating: tuple[Estimating, ...]
+
+    @classmethod
+    def of(cls, mission: Mission) -> "Setting":
+        """Build scene, nominal point and estimators of a mission."""
+        scene = build_scene(mission)
+        priors = prior_table(mission, scene.forces, scene.state)
+        nominal = view(scene, nominal_point(scene))
+        found = tuple(Estimating.of(scene, estimator, nominal, priors) for estimator in mission.estimators)
+        return cls(scene=scene, priors=priors, nominal=nominal, estimating=found)
+
+    def passes(self) -> list[Innovations | None]:
+        """The sequential pass of each estimator, where there is one; estimators that treat all alike share one."""
+        made: dict[tuple[str, ...], Innovations | None] = {}
+        for one in self.estimating:
+            if one.reference.solution is None or one.base.n > NIS_ROWS:
+                made[_treatments(one)] = None
+            elif _treatments(one) not in made:
+                made[_treatments(one)] = Innovations.of(one.base)
+        return [made[_treatments(one)] for one in self.estimating]
+
+
+def _treatments(one: Estimating) -> tuple[str, ...]:
+    """What makes the problem of an estimator: the treatment of every source, in order."""
+    groups: tuple[Block | White | Markov, ...] = (*one.base.blocks, *one.base.white, *one.base.markov)
+    return tuple(group.treatment for group in groups)
+
+
+def open_campaign(argument: Mapping[str, Any]) -> Callable[[int], None]:
+    """Prepare a worker; the returned function computes one chunk and writes it."""
+    campaign, folder = Campaign(**argument["campaign"]), Path(argument["folder"])
+    mission = load_mission(campaign.mission)
+    if mission.sha256 != campaign.mission_sha256:
+        raise InputError(f"{campaign.mission}: the mission file changed while it was validated; start again")
+    setting = Setting.of(mission)
+    passes = setting.passes()
+
+    def work(number: int) -> None:
+        first = number * campaign.chunk_runs
+        chunk = compute_chunk(setting, passes, campaign, range(first, first + campaign.chunk_runs))
+        write_whole(chunk_path(folder, number), npz_bytes(chunk))
+
+    return work
+
+
+def compute_chunk(
+    setting: Setting, passes: list[Innovations | None], campaign: Campaign, runs: range
+) -> dict[str, npt.NDArray[Any]]:
+    """Arrays of one chunk; for estimator k, rows by run.
+
+    errors_k (N, s + s_j) estimate minus truth, and assumed minus true value of the parameters left out;
+    nis_k (N, telescopes, 2) mean normalised square of the innovations, as believed and in truth;
+    check_k (N,) in the first run of a chunk: largest difference, in sigmas, to solving from the measurements on;
+    full mode: factor_true_k, factor_formal_k of each run's own estimate. Rows that failed are nan.
+    """
+    residuals, deviations, truths = _drawn(setting, campaign, runs)
+    chunk: dict[str, npt.NDArray[Any]] = {}
+    for k, (one, through) in enumerate(zip(setting.estimating, passes)):
+        if one.reference.solution is None:
+            continue
+        chunk[f"nis_{k}"] = _nis(setting, through, residuals)
+        if truths:
+            chunk |= {f"{name}_{k}": array for name, array in _refitted(setting, one, truths).items()}
+        else:
+            chunk |= {f"{name}_{k}": array for name, array in _estimated(one, residuals, deviations).items()}
+    return chunk
+
+
+def _drawn(
+    setting: Setting, campaign: Campaign, runs: range
+) -> tuple[Array, list[Mapping[str, float]], list[Truth | None]]:
+    """Residuals (N, n, 2) about the nominal point, true deviations, and in full mode the truths themselves."""
+    scene, nominal, computed = setting.scene, setting.nominal, computed_psi(setting.nominal)
+    residuals = np.empty((len(runs), *computed.shape))
+    deviations: list[Mapping[str, float]] = []
+    truths: list[Truth | None] = []
+    start = nominal.point.values
+    for row, i in enumerate(runs):
+        rng = generator(campaign.seed, i)
+        if campaign.mode == "full":
+            truth = _possible(scene, setting.priors, rng)
+            truths.append(truth)
+            if truth is None:
+                residuals[row] = np.nan
+                continue
+            psi, values = truth.psi, truth.point.values
+            deviations.append({name: values[name] - start[name] for name in start})
+        else:
+            psi, deviation = measured_truth(scene, nominal, setting.priors, rng)
+            deviations.append(deviation)
+        residuals[row] = residual(psi, computed)
+    return residuals, deviations, truths
+
+
+def _possible(scene: Scene, priors: PriorTable, rng: np.random.Generator) -> Truth | None:
+    """A truth, propagated; None if the draw has no physics (a negative mass, an orbit that hits a body)."""
+    try:
+        return draw(scene, priors, rng)
+    except (InputError, EventError):
+        return None
+
+
+def _estimated(one: Estimating, residuals: Array, truth: list[Mapping[str, float]]) -> dict[str, Array]:
+    """Errors of linear estimates, and the check of the first by the estimator's own method."""
+    reference = one.reference
+    names = reference.names + reference.left_out
+    means = one.means(residuals)
+    assumed = np.broadcast_to(_found_left_out(one), (len(means), len(reference.left_out)))
+    true = np.array([[row[name] for name in names] for row in truth])
+    check = np.full(len(means), np.nan)
+    sigma = np.linalg.norm(reference.S_formal, axis=1)
+    difference = np.abs(one.solved_anew(residuals[0]) - means[0])
+    check[0] = np.max(difference / np.where(sigma > 0.0, sigma, 1.0))
+    return {"errors": np.hstack([means, assumed]) - true, "check": check}
+
+
+def _found_left_out(one: Estimating) -> Array:
+    """Assumed deviations of the parameters left out."""
+    return np.array([one.reference.value(name) for name in one.reference.left_out])
+
+
+def _refitted(setting: Setting, one: Estimating, truths: list[Truth | None]) -> dict[str, Array]:
+    """Errors of estimates iterated to convergence, each with the factors of its own covariances."""
+    reference = one.reference
+    names, s = reference.names + reference.left_out, len(reference.names)
+    errors = np.full((len(truths), len(names)), np.nan)
+    true = np.full((len(truths), len(names), len(names)), np.nan)
+    formal = np.full((len(truths), *reference.S_formal.shape), np.nan)
+    assumed = setting.nominal.point.values
+    for row, truth in enumerate(truths):
+        if truth is None:
+            continue
+        found = fit(setting.scene, one.estimator, setting.nominal, truth.psi, setting.priors)
+        if str(found.status) != "converged":
+            continue
+        values = assumed | {name: found.point.values[name] for name in reference.names}
+        errors[row] = [values[name] - truth.point.values[name] for name in names]
+        true[row] = found.estimate.factor(names)
+        formal[row, :s] = found.estimate.S_formal
+    return {"errors": errors, "factor_true": true, "factor_formal": formal}
+
+
+def _nis(setting: Setting, through: Innovations | None, residuals: Array) -> Array:
+    """Mean normalised square (N, telescopes, 2) of the innovations of each telescope over its components."""
+    observation = setting.nominal.observation
+    out = np.full((len(residuals), len(observation.telescopes), 2), np.nan)
+    if through is None:
+        return out
+    telescope = observation.telescope_index[through.first :]
+    for judge, squares in enumerate(through.squares(residuals)):
+        for number in range(len(observation.telescopes)):
+            mine = telescope == number
+            if squares is not None and mine.any():
+                out[:, number, judge] = squares[:, mine].mean(axis=1) / residuals.shape[2]
+    return out
