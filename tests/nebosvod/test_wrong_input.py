@@ -43,7 +43,68 @@ def case(number: int, old: str, new: str, at: str, *words: str, count: int = 1) 
     return Case(number, ((old, new),), at, words, count)
 
 
+GEO = "{longitude: 180 deg}"
+WHITE = "sigma: 3 km, correlation: white"
+NOT_POSITIVE = "[[1,2,0,0,0,0],[2,1,0,0,0,0],[0,0,1,0,0,0],[0,0,0,1,0,0],[0,0,0,0,1,0],[0,0,0,0,0,1]]"
+WINDOW = "{start: 2029-02-01 TDB, end: 2029-01-01 TDB}"
+SCHEDULE = "\nschedule:"
+TIMING = "timing: {sigma: 1 s, treatment: considered}"
+WHITE_SHARED = "name: a, position: {sigma: 1 km, treatment: considered, correlation: white}"
+ORBIT_SHARED = (
+    "name: a, position: {sigma: 1 km, velocity_sigma: 1 mm/s, treatment: considered, correlation: orbit_error}"
+)
+
+
+def shared(entry: str) -> str:
+    """One shared source before the schedule."""
+    return f"\nshared:\n  - {{{entry}}}\nschedule:"
+
+
 CASES = [
+    case(8, GEO, "{kind: geostationery, longitude: 0 deg}", "geostationery", 'did you mean "geostationary"?'),
+    case(9, GEO, "{kind: libration, amplitude: 1 km}", "orbit: {kind: lib", "orbit.point: is missing"),
+    case(10, GEO, "{kind: sun_synchronous, altitude: 700 km, local_time: 6}", "6}", "local_time: needs a duration"),
+    case(11, GEO, "{kind: geocentric, a: 6500 km, e: 0.1, i: 0 deg}", "6500 km", "perigee is inside the Earth"),
+    case(11, GEO, "{kind: heliocentric_kepler, a: 0.7 au, e: 1}", "1}", "orbit.e: is out of range"),
+    case(11, GEO, "{kind: sun_synchronous, altitude: 6000 km, local_time: 6 h}", "6000 km", "allowed up to 5974 km"),
+    case(11, GEO, "{kind: libration, point: L1, amplitude: 1 au}", "1 au", "amplitude: is out of range"),
+    case(17, GEO, "{kind: spk, file: ../../etc/passwd}", "../../etc", "orbit.file: leads out of the folder"),
+    case(17, GEO, "{kind: oem, file: /etc/passwd}", "/etc/passwd", "orbit.file: must be relative"),
+    case(17, GEO, "{kind: table, file: no.csv, origin: sun}", "no.csv", "orbit.file: no such file"),
+    case(9, GEO, "{kind: ground, code: X05}", "orbit: {kind: ground", "needs either longitude, rho_cos_phi"),
+    case(9, WHITE, "sigma: 3 km, correlation: orbit_error", "position: {", "needs either velocity_sigma"),
+    case(8, WHITE, "sigma: 3 km, renewal: 7 d, correlation: white", "7 d", "belongs to orbit_error only"),
+    case(9, WHITE, "sigma: 3 km, correlation: gauss_markov", "position: {", "position.time: is missing"),
+    case(
+        26,
+        WHITE,
+        f"covariance: {NOT_POSITIVE}, correlation: orbit_error",
+        "covariance: [[1,2",
+        "is not positive definite",
+    ),
+    case(9, "bias: {sigma: 0.05 arcsec", "bias: {correlation: drift, sigma: 0.05 arcsec", "bias: {", "drift needs it"),
+    case(
+        8,
+        "bias: {sigma: 0.05 arcsec",
+        "bias: {time: 1 d, sigma: 0.05 arcsec",
+        "1 d, sigma",
+        "belongs to gauss_markov only",
+    ),
+    case(10, "bias: {sigma", "bias: {correlation: drift, drift: 1 arcsec, sigma", "1 arcsec", "arcsec/d"),
+    case(9, "    limiting", "    timing: {treatment: ignored}\n    limiting", "timing:", "timing.sigma: is missing"),
+    case(11, "{sun: 45 deg", "{sun_max: 40 deg, sun: 45 deg", "40 deg", "is not beyond sun"),
+    case(14, "    limiting", f"    duty: [{WINDOW}]\n    limiting", "2029-01-01", "duty[0].end: end is before start"),
+    case(9, "cadence: 12 h", "cadence: 12 h, exposures: 4", "{telescopes: all", "spacing: goes with exposures"),
+    case(11, "cadence: 12 h", "cadence: 12 h, exposures: 4, spacing: 4 h", "4 h}", "lasts longer than the cadence"),
+    case(9, "plane: b_plane", "plane: entry", "{name: encounter", "altitude: goes with plane entry"),
+    case(9, SCHEDULE, shared("name: a"), "{name: a}", "needs exactly one of bias, position, timing (got none)"),
+    case(20, SCHEDULE, shared(f"name: a, telescopes: [NEB-3], {TIMING}"), "NEB-3", "unknown telescope", "NEB-2"),
+    case(20, SCHEDULE, shared(f"name: bias NEB-1, {TIMING}"), "bias NEB-1", "already means something else"),
+    case(8, SCHEDULE, shared(WHITE_SHARED), "white}", "cannot be shared"),
+    case(8, SCHEDULE, shared(ORBIT_SHARED), "{name: a, position", "belongs to one spacecraft"),
+    case(
+        20, BATCH, BATCH[:-1] + ", treatment: {timing: fixed}}", "fixed}", "unknown group", "telescope position NEB-1"
+    ),
     case(1, "  name: (99942)", "\tname: (99942)", "\tname", "spaces, not tabs"),
     case(1, "treatment: fixed}", "treatment: fixed", "telescopes:", "not YAML", "bracket"),
     case(3, "Apophis", "Apo\x00phis", "\x00", "U+0000"),
