@@ -10,7 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from nebosvod.errors import InputError
+from nebosvod.observation import rows
 from nebosvod.observation.contracts import Array, Ephemeris, Trajectory
+from nebosvod.observation.emission import Emission
 from nebosvod.observation.sight import sight
 from nebosvod.observation.telescope import Telescope
 from nebosvod.timescale import Epoch
@@ -80,14 +82,25 @@ class Observation:
         return np.flatnonzero(np.isin(self.telescope_index, wanted))
 
 
-CHUNK = (
-    16_384  # epochs computed at a time: at a million the temporaries of one pass fall out of the cache, twice as slow
-)
-# the fields of Observation with the measurement on the first axis
-ROW_FIELDS = (
-    *("t_s", "psi", "H_x", "H_x0", "H_z", "H_c", "rate", "noise", "u", "distance_km", "light_time_s"),
-    *("telescope_state", "target_state", "Phi_emission", "zeta_emission"),
-)
+CHUNK = 4096  # epochs computed at a time: their temporaries stay in the processor's cache
+# the fields of Observation with the measurement on the first axis, and the rest of their shapes (m parameters)
+ROW_FIELDS: dict[str, tuple[int | str, ...]] = {
+    "t_s": (),
+    "psi": (2,),
+    "H_x": (2, 6),
+    "H_x0": (2, 6),
+    "H_z": (2, 3),
+    "H_c": (2, "m"),
+    "rate": (2,),
+    "noise": (2, 2),
+    "u": (3,),
+    "distance_km": (),
+    "light_time_s": (),
+    "telescope_state": (6,),
+    "target_state": (6,),
+    "Phi_emission": (3, 6),
+    "zeta_emission": (3, "m"),
+}
 
 
 def observe(trajectory: Trajectory, telescope: Telescope, t_s: Array, ephemeris: Ephemeris) -> Observation:
@@ -113,60 +126,41 @@ def observe(trajectory: Trajectory, telescope: Telescope, t_s: Array, ephemeris:
     gradient G: the gradient term is 1e-8 of the whole at 1 au, the next one 1e-11.
     """
     t_s = np.asarray(t_s, dtype=np.float64)
-    if t_s.ndim != 1 or t_s.size <= CHUNK:
-        return _observe(trajectory, telescope, t_s, ephemeris)
-    rows: dict[str, Array] = {}
-    for start in range(0, t_s.size, CHUNK):
-        piece = _observe(trajectory, telescope, t_s[start : start + CHUNK], ephemeris)
-        for name in ROW_FIELDS:
-            values = getattr(piece, name)
-            rows.setdefault(name, np.empty((t_s.size, *values.shape[1:])))[start : start + CHUNK] = values
-    return Observation(
-        epoch=piece.epoch,
-        telescopes=piece.telescopes,
-        telescope_index=np.zeros(t_s.size, dtype=np.int64),
-        parameter_names=piece.parameter_names,
-        **rows,
-    )
-
-
-def _observe(trajectory: Trajectory, telescope: Telescope, t_s: Array, ephemeris: Ephemeris) -> Observation:
-    """`observe` for as many epochs as fit the processor's cache."""
-    line = sight(trajectory, telescope.spacecraft, t_s, ephemeris)
-    emitted = trajectory.at(line.t_s - line.light_time_s)
-    Phi, zeta = emitted.Phi[:, :3], emitted.zeta[:, :3]
-    DL = line.sky_partials()
-    rate = line.rate(DL)
-    back = _position_transition(line.heliocentric_state[:, :3], line.light_time_s, ephemeris.gm_km3_s2["sun"])
+    names = tuple(trajectory.parameter_names)
+    filled = {name: np.empty(_shape(t_s.size, shape, len(names))) for name, shape in ROW_FIELDS.items()}
+    emission = Emission(trajectory)
+    # an empty or misshapen vector makes one piece, which `sight` refuses
+    for start in range(0, max(t_s.size, 1), CHUNK):
+        part = slice(start, start + CHUNK) if t_s.ndim == 1 else slice(None)
+        _fill({name: values[part] for name, values in filled.items()}, emission, telescope, t_s[part], ephemeris)
     return Observation(
         epoch=trajectory.epoch,
         telescopes=(telescope,),
-        telescope_index=np.zeros(line.t_s.size, dtype=np.int64),
-        parameter_names=tuple(trajectory.parameter_names),
-        t_s=line.t_s,
-        psi=line.psi,
-        H_x=DL @ back,
-        H_x0=DL @ Phi,
-        H_z=-DL,
-        H_c=DL @ zeta,
-        rate=rate,
-        noise=telescope.noise(rate),
-        u=line.u,
-        distance_km=line.distance_km,
-        light_time_s=line.light_time_s,
-        telescope_state=line.telescope_state,
-        target_state=line.target_state,
-        Phi_emission=Phi,
-        zeta_emission=zeta,
+        telescope_index=np.zeros(t_s.size, dtype=np.int64),
+        parameter_names=names,
+        **filled,
     )
 
 
-def _position_transition(r_sun_km: Array, tau: Array, gm_sun: float) -> Array:
-    """Partials (n, 3, 6) of the position at t - tau by the state at t, third order in tau."""
-    distance = np.linalg.norm(r_sun_km, axis=1)[:, None, None]
-    G = gm_sun / distance**3 * (3.0 * r_sun_km[:, :, None] * r_sun_km[:, None, :] / distance**2 - np.eye(3))
-    tau = tau[:, None, None]
-    return np.concatenate([np.eye(3) + tau**2 / 2.0 * G, -tau * np.eye(3) - tau**3 / 6.0 * G], axis=2)
+def _shape(n: int, row: tuple[int | str, ...], m: int) -> tuple[int, ...]:
+    """Shape of n rows, each of the shape `row`, in which "m" stands for the number of parameters."""
+    return (n, *(m if isinstance(size, str) else size for size in row))
+
+
+def _fill(out: dict[str, Array], emission: Emission, telescope: Telescope, t_s: Array, ephemeris: Ephemeris) -> None:
+    """`observe` for as many epochs as fit the processor's cache, into the arrays of `out`."""
+    line = sight(emission.trajectory, telescope.spacecraft, t_s, ephemeris, emission.state_at)
+    for name in ("t_s", "psi", "u", "distance_km", "light_time_s", "telescope_state", "target_state"):
+        out[name][...] = getattr(line, name)
+    emission.partials(out["Phi_emission"], out["zeta_emission"])
+    DL = line.sky_partials()
+    rate = line.rate(DL)
+    out["rate"][...] = rate
+    out["noise"][...] = telescope.noise(rate)
+    rows.measurement_partials(
+        ephemeris.gm_km3_s2["sun"], DL, line.heliocentric_state, line.light_time_s,
+        out["Phi_emission"], out["zeta_emission"], out["H_x"], out["H_x0"], out["H_z"], out["H_c"],
+    )  # fmt: skip
 
 
 def merge(observations: Sequence[Observation]) -> Observation:
@@ -187,15 +181,26 @@ def merge(observations: Sequence[Observation]) -> Observation:
     for observation in observations[1:]:
         if observation.epoch != first.epoch or observation.parameter_names != first.parameter_names:
             raise InputError("merge: the observations belong to different trajectories (epoch or parameters differ)")
+    if len(observations) == 1 and np.all(np.diff(first.t_s) >= 0.0):
+        return first
     starts = np.cumsum([0] + [len(observation.telescopes) for observation in observations])
     index = np.concatenate([o.telescope_index + start for o, start in zip(observations, starts)])
-    t_s = np.concatenate([observation.t_s for observation in observations])
-    order = np.lexsort((index, t_s))
-    rows = {name: np.concatenate([getattr(o, name) for o in observations])[order] for name in ROW_FIELDS}
+    order = np.lexsort((index, np.concatenate([observation.t_s for observation in observations])))
+    place = np.empty_like(order)
+    place[order] = np.arange(order.size)
+    places = np.split(place, np.cumsum([observation.t_s.size for observation in observations])[:-1])
     return Observation(
         epoch=first.epoch,
         telescopes=telescopes,
         telescope_index=index[order],
         parameter_names=first.parameter_names,
-        **rows,
+        **{name: _interleave([getattr(o, name) for o in observations], places) for name in ROW_FIELDS},
     )
+
+
+def _interleave(parts: Sequence[Array], places: Sequence[npt.NDArray[np.int64]]) -> Array:
+    """Rows of all parts in one new array, each at its place: no other copy is made."""
+    joined = np.empty((sum(len(part) for part in parts), *parts[0].shape[1:]))
+    for part, place in zip(parts, places):
+        joined[place] = part
+    return joined

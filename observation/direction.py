@@ -1,4 +1,4 @@
-"""Directions on the sky: right ascension and declination, the tangent axes, differences of directions.
+"""Directions on the sky: right ascension and declination, differences of directions.
 
 Everywhere psi = (RA in [0, 2 pi), Dec) in rad, and a difference of directions is (dRA cos Dec, dDec) with the
 declination of the computed direction frozen.
@@ -8,8 +8,7 @@ import numpy as np
 
 from nebosvod.errors import InputError
 from nebosvod.observation.contracts import Array
-
-TURN = 2.0 * np.pi
+from nebosvod.observation.rows import TURN, directions
 
 
 def ra_dec(u: Array) -> Array:
@@ -18,29 +17,15 @@ def ra_dec(u: Array) -> Array:
     The declination comes from atan2(z, sqrt(x^2 + y^2)), which keeps full precision at the poles where asin loses
     half the digits. At a pole itself the right ascension is 0.
     """
-    across = np.hypot(u[:, 0], u[:, 1])
-    ra = np.mod(np.arctan2(u[:, 1], u[:, 0]), TURN)
-    # a tiny negative angle plus 2 pi rounds to 2 pi itself, which is outside the interval
-    ra[ra >= TURN] = 0.0
-    return np.stack([ra, np.arctan2(u[:, 2], across)], axis=1)
+    psi = np.empty((len(u), 2))
+    directions(np.require(u, dtype=np.float64, requirements=("C", "W")), psi)
+    return psi
 
 
 def unit_vector(psi: Array) -> Array:
     """Unit vectors (n, 3), ICRF, of directions psi (n, 2)."""
     cos_dec = np.cos(psi[:, 1])
     return np.stack([cos_dec * np.cos(psi[:, 0]), cos_dec * np.sin(psi[:, 0]), np.sin(psi[:, 1])], axis=1)
-
-
-def tangent_axes(psi: Array) -> Array:
-    """Axes (n, 2, 3) of the tangent plane: towards growing right ascension (east) and declination (north).
-
-    For rho along psi, d(RA cos Dec, Dec) = axes . d rho / |rho|: no division by cos Dec, hence no singularity.
-    """
-    sin_ra, cos_ra = np.sin(psi[:, 0]), np.cos(psi[:, 0])
-    sin_dec, cos_dec = np.sin(psi[:, 1]), np.cos(psi[:, 1])
-    east = np.stack([-sin_ra, cos_ra, np.zeros_like(sin_ra)], axis=1)
-    north = np.stack([-sin_dec * cos_ra, -sin_dec * sin_ra, cos_dec], axis=1)
-    return np.stack([east, north], axis=1)
 
 
 def wrap(angle: Array) -> Array:

@@ -5,9 +5,13 @@ geostationary ring; 2020-2025 it stayed within 0.25 s, 0.12 and 0.8 km) and pola
 and 0.1 km), unless a caller gives them: no Earth-orientation data is fetched from anywhere.
 """
 
+import math
+from functools import lru_cache
+
 import erfa
 import numpy as np
 
+from nebosvod.dynamics.compilation import kernel
 from nebosvod.observation.constants import EARTH_ROTATION_RAD_S
 from nebosvod.observation.contracts import Array
 from nebosvod.timescale import Epoch, utc_jd
@@ -15,9 +19,9 @@ from nebosvod.timescale import Epoch, utc_jd
 # Node spacing of the precession-nutation table. The shortest nutation of note has a period of 5.5 d and 2 mas;
 # six-point interpolation at 0.5 d leaves under 1e-6" (0.2 mm on the geostationary ring).
 STEP_DAYS = 0.5
-STENCIL = np.arange(-2, 4)
-# Six-point Lagrange denominators prod_{k != j} (j - k) for the nodes -2 .. 3.
-DENOMINATORS = np.array([np.prod([j - k for k in STENCIL if k != j]) for j in STENCIL], dtype=np.float64)
+BLOCK = 16  # nodes computed, and kept, together
+# Six-point Lagrange denominators prod_{k != j} (j - k) for nodes a unit apart.
+DENOMINATORS = (-120.0, 24.0, -12.0, 12.0, -24.0, 120.0)
 
 
 def R_icrf_from_cirs(epoch: Epoch, t_s: Array) -> Array:
@@ -28,24 +32,75 @@ def R_icrf_from_cirs(epoch: Epoch, t_s: Array) -> Array:
     """
     days = epoch.fraction + t_s / 86400.0
     first, last = np.floor(days.min() / STEP_DAYS), np.floor(days.max() / STEP_DAYS)
+    xys = np.empty((3, days.size))
     if last - first + 6 < days.size:
-        nodes = (np.arange(first - 2, last + 4)) * STEP_DAYS
-        x, y, s = _interpolate(np.stack(erfa.xys06a(epoch.day, nodes)), days / STEP_DAYS - (first - 2))
+        low, high = int(first - 2) // BLOCK, int(last + 3) // BLOCK
+        table = np.concatenate([_nodes(epoch.day, block) for block in range(low, high + 1)], axis=1)
+        _interpolate(table, days / STEP_DAYS - low * BLOCK, xys)
     else:
-        x, y, s = erfa.xys06a(epoch.day, days)
-    matrix: Array = erfa.c2ixys(x, y, s)
-    return np.swapaxes(matrix, 1, 2)
+        xys[...] = erfa.xys06a(epoch.day, days)
+    R = np.empty((days.size, 3, 3))
+    _orient(xys, R)
+    return R
 
 
-def _interpolate(table: Array, where: Array) -> Array:
-    """Six-point Lagrange interpolation of table rows (3, k) at fractional node numbers (n,)."""
-    base = np.floor(where).astype(np.int64)
-    distance = (where - base)[:, None] - STENCIL
-    weights = np.empty_like(distance)
-    for j in range(6):
-        weights[:, j] = np.prod(np.delete(distance, j, axis=1), axis=1) / DENOMINATORS[j]
-    values: Array = np.einsum("nj,qnj->qn", weights, table[:, base[:, None] + STENCIL])
-    return values
+@lru_cache(maxsize=1024)
+def _nodes(day: float, block: int) -> Array:
+    """X, Y and s (3, BLOCK), rad, at the nodes of a block; node 0 is at the beginning of the `day`."""
+    nodes = np.arange(block * BLOCK, (block + 1) * BLOCK) * STEP_DAYS
+    return np.stack(erfa.xys06a(day, nodes))
+
+
+@kernel
+def _interpolate(table: Array, where: Array, values: Array) -> None:
+    """Six-point Lagrange interpolation of table rows (3, k) at fractional node numbers (n,), into values (3, n)."""
+    weights = np.empty(6)
+    for e in range(where.shape[0]):
+        base = math.floor(where[e])
+        s = where[e] - base
+        for j in range(6):
+            product = 1.0
+            for k in range(6):
+                if k != j:
+                    product *= s - (k - 2)
+            weights[j] = product / DENOMINATORS[j]
+        for q in range(3):
+            total = 0.0
+            for j in range(6):
+                total += weights[j] * table[q, base + j - 2]
+            values[q, e] = total
+
+
+@kernel
+def _orient(xys: Array, R: Array) -> None:
+    """R_icrf_from_cirs (n, 3, 3) of the pole's X, Y and the origin's s (3, n): IERS Conventions 2010, eq. 5.10."""
+    for e in range(R.shape[0]):
+        X, Y, s = xys[0, e], xys[1, e], xys[2, e]
+        Z = math.sqrt(1.0 - X * X - Y * Y)
+        a = 1.0 / (1.0 + Z)
+        cos, sin = math.cos(s), math.sin(s)
+        # columns of Q(X, Y), turned by s about the pole: M = Q R3(s)
+        xx, xy, yy = 1.0 - a * X * X, -a * X * Y, 1.0 - a * Y * Y
+        R[e, 0, 0], R[e, 0, 1], R[e, 0, 2] = xx * cos - xy * sin, xx * sin + xy * cos, X
+        R[e, 1, 0], R[e, 1, 1], R[e, 1, 2] = xy * cos - yy * sin, xy * sin + yy * cos, Y
+        R[e, 2, 0], R[e, 2, 1], R[e, 2, 2] = -X * cos + Y * sin, -X * sin - Y * cos, Z
+
+
+def turned(R: Array, states: Array) -> Array:
+    """States (n, 6) with positions and velocities turned by matrices R (n, 3, 3)."""
+    out = np.empty((len(states), 6))
+    _turn(R, np.require(states, dtype=np.float64, requirements=("C", "W")), out)
+    return out
+
+
+@kernel
+def _turn(R: Array, states: Array, out: Array) -> None:
+    for e in range(out.shape[0]):
+        for i in range(3):
+            for half in (0, 3):
+                out[e, half + i] = (
+                    R[e, i, 0] * states[e, half] + R[e, i, 1] * states[e, half + 1] + R[e, i, 2] * states[e, half + 2]
+                )
 
 
 def earth_rotation_angle(epoch: Epoch, t_s: Array, ut1_minus_utc_s: Array | float = 0.0) -> Array:
@@ -55,17 +110,20 @@ def earth_rotation_angle(epoch: Epoch, t_s: Array, ut1_minus_utc_s: Array | floa
     to 1e-9 s; cells in which it steps (a leap second) are evaluated time by time.
     """
     days = epoch.fraction + t_s / 86400.0
-    cells, which = np.unique(np.floor(days / STEP_DAYS), return_inverse=True)
-    if 2 * cells.size >= t_s.size:
+    cell = np.floor(days / STEP_DAYS)
+    first, last = cell.min(), cell.max()
+    if 2.0 * (last - first + 1.0) >= t_s.size:
         day, fraction = utc_jd(epoch, t_s)
     else:
-        edges = np.concatenate([cells, cells + 1.0]) * STEP_DAYS
+        edges = np.arange(first, last + 2.0) * STEP_DAYS
         edge_day, edge_fraction = utc_jd(epoch, (edges - epoch.fraction) * 86400.0)
-        start, end = (((edge_day - epoch.day) + edge_fraction) - edges).reshape(2, -1)
-        part = days / STEP_DAYS - cells[which]
-        day, fraction = np.full(t_s.size, epoch.day), days + start[which] + part * (end - start)[which]
-        leap = (np.abs(end - start) * 86400.0 > 1e-4)[which]  # TDB - TT changes by 1.4e-5 s in a cell
-        day[leap], fraction[leap] = utc_jd(epoch, t_s[leap])
+        utc_minus_tdb = ((edge_day - epoch.day) + edge_fraction) - edges
+        start, change = utc_minus_tdb[:-1], np.diff(utc_minus_tdb)
+        which = (cell - first).astype(np.int64)
+        day, fraction = np.full(t_s.size, epoch.day), days + start[which] + (days / STEP_DAYS - cell) * change[which]
+        leap = (np.abs(change) * 86400.0 > 1e-4)[which]  # TDB - TT changes by 1.4e-5 s in a cell
+        if np.any(leap):
+            day[leap], fraction[leap] = utc_jd(epoch, t_s[leap])
     angle: Array = erfa.era00(day, fraction + np.asarray(ut1_minus_utc_s) / 86400.0)
     return angle
 
@@ -87,7 +145,7 @@ def rotating_to_icrf(position_km: Array, epoch: Epoch, t_s: Array, ut1_minus_utc
     angle = earth_rotation_angle(epoch, t_s, ut1_minus_utc_s)
     x, y, z = np.moveaxis(np.broadcast_to(position_km, (t_s.size, 3)), -1, 0)
     cos, sin = np.cos(angle), np.sin(angle)
-    turned = np.stack([cos * x - sin * y, sin * x + cos * y, z], axis=1)
-    velocity = EARTH_ROTATION_RAD_S * np.stack([-turned[:, 1], turned[:, 0], np.zeros_like(z)], axis=1)
-    R = R_icrf_from_cirs(epoch, t_s)
-    return np.concatenate([(R @ turned[:, :, None])[:, :, 0], (R @ velocity[:, :, None])[:, :, 0]], axis=1)
+    states = np.zeros((t_s.size, 6))
+    states[:, 0], states[:, 1], states[:, 2] = cos * x - sin * y, sin * x + cos * y, z
+    states[:, 3], states[:, 4] = -EARTH_ROTATION_RAD_S * states[:, 1], EARTH_ROTATION_RAD_S * states[:, 0]
+    return turned(R_icrf_from_cirs(epoch, t_s), states)

@@ -8,7 +8,7 @@ from nebosvod.dynamics.constants import RADIUS_KM
 from nebosvod.errors import InputError
 from nebosvod.observation.constants import EARTH_J2
 from nebosvod.observation.contracts import Array, Ephemeris
-from nebosvod.observation.earth_rotation import R_icrf_from_cirs
+from nebosvod.observation.earth_rotation import R_icrf_from_cirs, turned
 from nebosvod.observation.kepler import kepler_state
 from nebosvod.timescale import Epoch
 
@@ -81,8 +81,7 @@ class GeocentricOrbit:
         )
         spin = np.array([0.0, 0.0, node_rate]) + peri_rate * normal
         state[:, 3:] = state[:, 3:] * (1.0 + mean_rate / n) + np.cross(spin, r)
-        turned = R_icrf_from_cirs(epoch, t_s)[:, None] @ state.reshape(-1, 2, 3, 1)
-        return ephemeris.state_km_km_s("earth", epoch, t_s) + turned.reshape(-1, 6)
+        return ephemeris.state_km_km_s("earth", epoch, t_s) + turned(R_icrf_from_cirs(epoch, t_s), state)
 
     def _rates(self, n: float) -> tuple[float, float, float]:
         """Secular rates of node, argument of perigee and mean anomaly (beyond n), rad/s."""

@@ -60,5 +60,5 @@ def icrf_from_ecliptic(state: Array) -> Array:
     """Turn states (n, 6) from the J2000 ecliptic to ICRF axes."""
     cos, sin = np.cos(OBLIQUITY_J2000_RAD), np.sin(OBLIQUITY_J2000_RAD)
     R = np.array([[1.0, 0.0, 0.0], [0.0, cos, -sin], [0.0, sin, cos]])
-    turned: Array = (state.reshape(-1, 2, 3) @ R.T).reshape(-1, 6)
+    turned: Array = (state.reshape(-1, 3) @ R.T).reshape(-1, 6)
     return turned

@@ -1,13 +1,13 @@
 """The line of sight: light time, direction and rate of a moving target from a moving telescope."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from nebosvod.dynamics.constants import SPEED_OF_LIGHT_KM_S
 from nebosvod.errors import InputError
+from nebosvod.observation import rows
 from nebosvod.observation.contracts import Array, Ephemeris, Trajectory
-from nebosvod.observation.direction import ra_dec, tangent_axes
 from nebosvod.observation.spacecraft import Spacecraft
 
 LIGHT_TIME_TOLERANCE_S = 1e-9
@@ -38,33 +38,34 @@ class Sight:
     light_time_s: Array
     psi: Array
 
-    def light_time_factor(self) -> Array:
-        """L (n, 3, 3) = I - V u^T / (c + u.V): how rho moves with the target (at emission) less the telescope."""
-        V = self.target_state[:, 3:]
-        scale = SPEED_OF_LIGHT_KM_S + np.einsum("ni,ni->n", self.u, V)
-        L: Array = np.eye(3) - V[:, :, None] * (self.u / scale[:, None])[:, None, :]
-        return L
-
     def sky_partials(self) -> Array:
         """D L (n, 2, 3), rad/km: partials of (cos Dec dRA, dDec) by the target's position less the telescope's."""
-        D = tangent_axes(self.psi) / self.distance_km[:, None, None]
-        partials: Array = D @ self.light_time_factor()
-        return partials
+        DL = np.empty((self.t_s.size, 2, 3))
+        rows.sky_partials(self.target_state, self.u, self.distance_km, DL)
+        return DL
 
     def rate(self, sky_partials: Array) -> Array:
         """Apparent motion (n, 2) in RA cos Dec and Dec, rad/s: D L (V - v_telescope)."""
-        velocity = self.target_state[:, 3:] - self.telescope_state[:, 3:]
-        motion: Array = (sky_partials @ velocity[:, :, None])[:, :, 0]
+        motion = np.empty((self.t_s.size, 2))
+        rows.apparent_rates(sky_partials, self.target_state, self.telescope_state, motion)
         return motion
 
 
-def sight(trajectory: Trajectory, spacecraft: Spacecraft, t_s: Array, ephemeris: Ephemeris) -> Sight:
+def sight(
+    trajectory: Trajectory,
+    spacecraft: Spacecraft,
+    t_s: Array,
+    ephemeris: Ephemeris,
+    emitted: Callable[[Array], Array] | None = None,
+) -> Sight:
     """Solve the light time from `trajectory` to `spacecraft` for receptions at `t_s`.
 
     Parameters
     ----------
     trajectory : heliocentric; must reach back the light time before the first reception.
     t_s : shape (n,), TDB seconds after `trajectory.epoch`.
+    emitted : gives the trajectory's states (n, 6) at emission times, `trajectory.state_at` by default; for a caller
+        that keeps more of the last call than the states.
 
     Raises
     ------
@@ -80,20 +81,20 @@ def sight(trajectory: Trajectory, spacecraft: Spacecraft, t_s: Array, ephemeris:
     velocity, tau -> tau + (|rho| - c tau) / (c + u.V). The first step, from tau = 0, adds the fall towards the Sun, so
     that the second evaluation of the trajectory usually confirms the light time.
     """
-    t_s = np.asarray(t_s, dtype=np.float64)
+    t_s = np.array(t_s, dtype=np.float64)
     if t_s.ndim != 1 or t_s.size == 0 or not np.all(np.isfinite(t_s)):
         raise InputError(f"sight: reception times must be a non-empty vector of finite numbers (shape {t_s.shape})")
-    telescope = spacecraft.state_km_km_s(ephemeris, trajectory.epoch, t_s)
-    tau = _first_light_time(trajectory, telescope, t_s, ephemeris)
+    epoch, emitted = trajectory.epoch, emitted or trajectory.state_at
+    telescope = _own(spacecraft.state_km_km_s(ephemeris, epoch, t_s))
+    tau, step, distance, light_time = np.empty((4, t_s.size))
+    target, u, psi = np.empty((t_s.size, 6)), np.empty((t_s.size, 3)), np.empty((t_s.size, 2))
+    heliocentric, sun = _own(trajectory.state_at(t_s)), _own(ephemeris.state_km_km_s("sun", epoch, t_s))
+    rows.first_light_times(ephemeris.gm_km3_s2["sun"], heliocentric, sun, telescope, tau)
     for _ in range(MAX_ITERATIONS):
-        heliocentric = trajectory.state_at(t_s - tau)
-        target = heliocentric + ephemeris.state_km_km_s("sun", trajectory.epoch, t_s - tau)
-        rho = target[:, :3] - telescope[:, :3]
-        distance = np.linalg.norm(rho, axis=1)
-        u = rho / distance[:, None]
-        speed = np.einsum("ni,ni->n", u, target[:, 3:])
-        step = (distance - SPEED_OF_LIGHT_KM_S * tau) / (SPEED_OF_LIGHT_KM_S + speed)
-        if np.all(np.abs(step) <= LIGHT_TIME_TOLERANCE_S):
+        emission = t_s - tau
+        heliocentric, sun = _own(emitted(emission)), _own(ephemeris.state_km_km_s("sun", epoch, emission))
+        largest = rows.lines_of_sight(tau, heliocentric, sun, telescope, step, target, u, distance, light_time, psi)
+        if largest <= LIGHT_TIME_TOLERANCE_S:
             return Sight(
                 t_s=t_s,
                 telescope_state=telescope,
@@ -101,10 +102,10 @@ def sight(trajectory: Trajectory, spacecraft: Spacecraft, t_s: Array, ephemeris:
                 heliocentric_state=heliocentric,
                 u=u,
                 distance_km=distance,
-                light_time_s=distance / SPEED_OF_LIGHT_KM_S,
-                psi=ra_dec(rho),
+                light_time_s=light_time,
+                psi=psi,
             )
-        tau = tau + step
+        tau += step
     raise InputError(
         f"sight: light time did not settle to {LIGHT_TIME_TOLERANCE_S} s in {MAX_ITERATIONS} iterations "
         f"(last step {np.max(np.abs(step)):.3g} s at t = {t_s[np.argmax(np.abs(step))]:.3f} s); "
@@ -112,15 +113,6 @@ def sight(trajectory: Trajectory, spacecraft: Spacecraft, t_s: Array, ephemeris:
     )
 
 
-def _first_light_time(trajectory: Trajectory, telescope: Array, t_s: Array, ephemeris: Ephemeris) -> Array:
-    """Light time (n,) from the state at reception: r - V tau + a tau^2 / 2 with the Sun's pull."""
-    heliocentric = trajectory.state_at(t_s)
-    target = heliocentric + ephemeris.state_km_km_s("sun", trajectory.epoch, t_s)
-    r = heliocentric[:, :3]
-    a = r * (-ephemeris.gm_km3_s2["sun"] / np.sum(r * r, axis=1) ** 1.5)[:, None]
-    start = target[:, :3] - telescope[:, :3]
-    tau = np.zeros_like(t_s)
-    for _ in range(3):  # each gains a factor V/c
-        back = start + (a * (tau / 2.0)[:, None] - target[:, 3:]) * tau[:, None]
-        tau = np.linalg.norm(back, axis=1) / SPEED_OF_LIGHT_KM_S
-    return tau
+def _own(states: Array) -> Array:
+    """States as the compiled loops want them, C-contiguous and writable: copied only if they are not."""
+    return np.require(states, dtype=np.float64, requirements=("C", "W"))

