@@ -82,11 +82,13 @@ def gram_factor(gram: Array) -> Array:
     return factor
 
 
-def append_rows(triangle: Array, rows: Array, chunk: int = 8192) -> Array:
+def append_rows(triangle: Array, rows: Array, chunk: int = 256) -> Array:
     """Reduce [triangle; rows] (., w) to upper trapezoidal form by Householder QR, a chunk at a time.
 
-    The memory beyond the rows is one chunk, and time is linear in the number of rows.
+    The memory beyond the rows is one chunk, and time is linear in the number of rows. LAPACK wakes all threads for more
+    than about 500 rows, which costs twenty times the work itself on a busy machine.
     """
+    chunk = max(chunk, 4 * rows.shape[1])  # the triangle is taken along each time
     for start in range(0, rows.shape[0], chunk):
         triangle = np.asarray(np.linalg.qr(np.vstack([triangle, rows[start : start + chunk]]), mode="r"))
     return triangle
