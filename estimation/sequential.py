@@ -13,19 +13,24 @@ from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 from scipy.special import gammaincinv
 
 from nebosvod.errors import InputError
+from nebosvod.estimation.batch import prior_rows
 from nebosvod.estimation.estimate import Estimate, Solution, Status
 from nebosvod.estimation.partition import Partition
 from nebosvod.estimation.problem import LinearProblem
-from nebosvod.estimation.sources import residual_after, weak_direction
-from nebosvod.estimation.square_root import conditioning, covariance_factor, lower_factor, solve_rows, solve_square
+from nebosvod.estimation.sources import not_observable, residual_after, weak_direction
+from nebosvod.estimation.square_root import append_rows, conditioning, gram_factor, solve_lower, solve_rows
 from nebosvod.estimation.whitening import Whitener, projected, whitened_rows
 
 Array = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
 Gain = Literal["formal", "schmidt", "as_printed"]
 GAINS = ("formal", "schmidt", "as_printed")
+LOST = 1e-13  # smallest over largest eigenvalue of a covariance in which round-off is a thousandth of the smallest
+UNRESOLVED = "The covariance form of the filter has lost the digits of this problem; recursive.solve keeps them."
 
 
 def solve(problem: LinearProblem, gain: Gain = "formal", gate: float | None = None) -> Estimate:
@@ -61,16 +66,18 @@ def solve(problem: LinearProblem, gain: Gain = "formal", gate: float | None = No
     whitener = Whitener.of(problem)
     rows = whitened_rows(problem, partition, whitener)
     sweep = _Sweep.start(problem, partition)
-    if gate is not None:
-        sweep.limit = 2.0 * float(gammaincinv(0.5 * problem.p, gate))
-    for k in range(problem.n):
-        sweep.take(k, rows[k], _fresh(problem, whitener, k), gain)
+    limit = np.inf if gate is None else 2.0 * float(gammaincinv(0.5 * problem.p, gate))
+    sweep.run(rows, _Fresh.of(problem, whitener), gain, limit)
+    if not _resolved(sweep.P):
+        width = rows.shape[2]
+        triangle = append_rows(prior_rows(partition, width), rows.reshape(-1, width))
+        return not_observable(problem, partition, conditioning(triangle[: sweep.size, : sweep.size]), UNRESOLVED)
     return _estimate(problem, partition, sweep)
 
 
 @dataclass(slots=True)
 class _Sweep:
-    """The running filter in unknowns y: estimate, claim P, cross C, errors by source."""
+    """The running filter in unknowns y: estimate, claim P, cross C, errors by source; the kernel changes the arrays."""
 
     size: int
     y: Array
@@ -79,9 +86,8 @@ class _Sweep:
     S: Array
     outside: Array
     common: Array  # (s_y, D) response of the error to the draws of all priors
-    fresh: dict[str, Array]
+    fresh: Array  # (number of fresh sources, s_y, s_y)
     chi2: float = 0.0
-    limit: float = np.inf
     rejected: int = 0
 
     @classmethod
@@ -97,77 +103,192 @@ class _Sweep:
             common[source.unknowns, span] = -(source.inverse @ source.draw[:count])
             outside[source.left_out, span] = source.draw[count:]
             first = span.stop
-        zero = np.zeros((size, size))
-        names = [*problem.noise_names, *(white.name for white in problem.white if white.treatment != "fixed")]
         return cls(
             size=size,
-            y=np.zeros(size),
+            y=np.zeros((size, 1)),
             P=np.eye(size),
             C=-common @ outside.T,
             S=outside @ outside.T,
             outside=outside,
             common=common,
-            fresh=dict.fromkeys(names, zero),
+            fresh=np.zeros((len(_fresh_names(problem)), size, size)),
         )
 
-    def take(self, k: int, row: Array, fresh: dict[str, Array], rule: Gain) -> None:
-        """Take in one whitened measurement (p, w): its assumed noise is I."""
-        H, v, H_j = row[:, : self.size], row[:, self.size], row[:, self.size + 1 :]
-        noise = np.eye(len(row))
-        across = H @ self.P
-        V = across @ H.T + noise
-        if rule == "as_printed":
-            noise = noise + H_j @ self.S @ H_j.T
-            V = across @ H.T + noise
-        elif rule == "schmidt":
-            # C = cov(estimate - truth, assumed - truth), the sign that the innovation sees
-            mixed = H @ self.C @ H_j.T
-            V = V + mixed + mixed.T + H_j @ self.S @ H_j.T
-            across = across + H_j @ self.C.T
-        K = solve_square(V, across).T
-        keep = np.eye(self.size) - K @ H
-        innovation = v - H @ self.y
-        nis = float(innovation @ solve_square(V, innovation))
-        if nis > self.limit:
-            self.rejected += 1
-            return
-        self.chi2 += nis
-        self.y = self.y + K @ innovation
-        if rule == "schmidt":
-            cross = keep @ self.C @ H_j.T @ K.T
-            self.P = _even(keep @ self.P @ keep.T - cross - cross.T + K @ (H_j @ self.S @ H_j.T + noise) @ K.T)
-            self.C = keep @ self.C - K @ H_j @ self.S
-        else:
-            self.P = _even(keep @ self.P @ keep.T + K @ noise @ K.T)
-        self.common = keep @ self.common + K @ (H_j @ self.outside)
-        for name, part in self.fresh.items():
-            moved = keep @ part @ keep.T
-            self.fresh[name] = moved + K @ fresh[name] @ K.T if name in fresh else moved
+    def run(self, rows: Array, fresh: "_Fresh", gain: Gain, limit: float) -> None:
+        """Take in all whitened rows (n, p, w): their assumed noise is I."""
+        state = (self.y, self.P, self.C, self.common, self.fresh)
+        entries = (fresh.first, fresh.source, fresh.N)
+        found = _filter(rows, state, self.S, self.outside, entries, GAINS.index(gain), limit)
+        self.y, self.P, self.common, self.chi2, self.rejected = found
 
 
-def _fresh(problem: LinearProblem, whitener: Whitener, k: int) -> dict[str, Array]:
-    """True covariances of the fresh sources at one measurement, in whitened components."""
-    L = whitener.part(k, k + 1)
-    out = {}
-    label = 0 if problem.noise_label is None else int(problem.noise_label[k])
-    out[problem.noise_names[label]] = problem.truth[0 if len(problem.truth) == 1 else k]
-    for white in problem.white:
-        if white.treatment == "fixed":
+# The kernel is written in products and sums of small plain matrices: array expressions, slices and the library's
+# solver would compile five times as long and run no faster.
+
+
+@njit(cache=True)
+def _times(A, B):  # type: ignore[no-untyped-def]
+    """A B."""
+    out = np.zeros((A.shape[0], B.shape[1]))
+    for i in range(A.shape[0]):
+        for k in range(A.shape[1]):
+            for j in range(B.shape[1]):
+                out[i, j] += A[i, k] * B[k, j]
+    return out
+
+
+@njit(cache=True)
+def _turned(A):  # type: ignore[no-untyped-def]
+    """A^T as a plain matrix."""
+    out = np.zeros((A.shape[1], A.shape[0]))
+    for i in range(A.shape[0]):
+        for j in range(A.shape[1]):
+            out[j, i] = A[i, j]
+    return out
+
+
+@njit(cache=True)
+def _add(A, B, factor):  # type: ignore[no-untyped-def]
+    """A <- A + factor B."""
+    for i in range(A.shape[0]):
+        for j in range(A.shape[1]):
+            A[i, j] += factor * B[i, j]
+
+
+@njit(cache=True)
+def _copy(A, out):  # type: ignore[no-untyped-def]
+    """out <- A."""
+    for i in range(A.shape[0]):
+        for j in range(A.shape[1]):
+            out[i, j] = A[i, j]
+
+
+@njit(cache=True)
+def _between(A, P):  # type: ignore[no-untyped-def]
+    """A P A^T without the asymmetry of round-off."""
+    out = _times(_times(A, P), _turned(A))
+    for i in range(len(out)):
+        for j in range(i):
+            out[i, j] = out[j, i] = 0.5 * (out[i, j] + out[j, i])
+    return out
+
+
+@njit(cache=True)
+def _solve(V, B):  # type: ignore[no-untyped-def]
+    """iV B for a small positive definite V, by Cholesky; V and B are destroyed."""
+    for j in range(len(V)):
+        for k in range(j):
+            V[j, j] -= V[j, k] * V[j, k]
+        V[j, j] = np.sqrt(V[j, j])
+        for i in range(j + 1, len(V)):
+            for k in range(j):
+                V[i, j] -= V[i, k] * V[j, k]
+            V[i, j] /= V[j, j]
+    for c in range(B.shape[1]):
+        for i in range(len(V)):
+            for k in range(i):
+                B[i, c] -= V[i, k] * B[k, c]
+            B[i, c] /= V[i, i]
+        for i in range(len(V) - 1, -1, -1):
+            for k in range(i + 1, len(V)):
+                B[i, c] -= V[k, i] * B[k, c]
+            B[i, c] /= V[i, i]
+    return B
+
+
+@njit(cache=True)
+def _split(rows, k, size):  # type: ignore[no-untyped-def]
+    """H (p, s_y), v (p, 1) and H_j (p, s_j) of one measurement."""
+    p, width = rows.shape[1:]
+    H, v, H_j = np.zeros((p, size)), np.zeros((p, 1)), np.zeros((p, width - size - 1))
+    for i in range(p):
+        for j in range(size):
+            H[i, j] = rows[k, i, j]
+        v[i, 0] = rows[k, i, size]
+        for j in range(size + 1, width):
+            H_j[i, j - size - 1] = rows[k, i, j]
+    return H, v, H_j
+
+
+@njit(cache=True)
+def _filter(rows, state, S, outside, fresh, rule, limit):  # type: ignore[no-untyped-def]
+    """Run the filter over all rows; returns y, P, common, chi2 and the number of rejected measurements."""
+    y, P, C, common, parts = state
+    first, source, N = fresh
+    chi2, rejected = 0.0, 0
+    for k in range(len(rows)):
+        H, v, H_j = _split(rows, k, len(y))
+        noise, across = np.eye(len(v)), _times(H, P)
+        if rule > 0:
+            _add(noise, _between(H_j, S), 1.0)
+        V = _times(across, _turned(H))
+        _add(V, noise, 1.0)
+        if rule == 1:  # C = cov(estimate - truth, assumed - truth), the sign that the innovation sees
+            mixed = _times(_times(H, C), _turned(H_j))
+            _add(V, mixed, 1.0)
+            _add(V, _turned(mixed), 1.0)
+            _add(across, _times(H_j, _turned(C)), 1.0)
+        _add(v, _times(H, y), -1.0)
+        nis = _times(_turned(v), _solve(V.copy(), v.copy()))[0, 0]
+        if nis > limit:
+            rejected += 1
             continue
-        for i in np.flatnonzero(white.rows == k):
-            Q = white.truth if len(white.truth) == 1 else white.truth[i : i + 1]
-            out[white.name] = projected(white.H[i : i + 1], Q)[0]
-    return {name: _whiten_both(L, N) for name, N in out.items()}
+        chi2 += nis
+        K, keep = _turned(_solve(V, across)), np.eye(len(y))
+        _add(keep, _times(K, H), -1.0)
+        _add(y, _times(K, v), 1.0)
+        P = _between(keep, P)
+        _add(P, _between(K, noise), 1.0)
+        if rule == 1:
+            cross = _times(_times(_times(keep, C), _turned(H_j)), _turned(K))
+            _add(P, cross, -1.0)
+            _add(P, _turned(cross), -1.0)
+            C = _times(keep, C)
+            _add(C, _times(K, _times(H_j, S)), -1.0)
+        common = _times(keep, common)
+        _add(common, _times(K, _times(H_j, outside)), 1.0)
+        for i in range(len(parts)):
+            _copy(_between(keep, parts[i]), parts[i])
+        for i in range(first[k], first[k + 1]):
+            _add(parts[source[i]], _between(K, N[i]), 1.0)
+    return y, P, common, chi2, rejected
 
 
-def _whiten_both(L: Array, N: Array) -> Array:
-    """L^-1 N L^-T for one measurement."""
-    half = np.array(N)[None]
-    solve_rows(L, half)
-    other = np.ascontiguousarray(half.transpose(0, 2, 1))
-    solve_rows(L, other)
-    whitened: Array = other[0]
-    return whitened
+def _fresh_names(problem: LinearProblem) -> list[str]:
+    """Names of the sources that are drawn anew at each measurement."""
+    return [*problem.noise_names, *(white.name for white in problem.white if white.treatment != "fixed")]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Fresh:
+    """True covariances N (e, p, p) of the fresh sources in whitened components; those of measurement k are the
+    entries first[k]..first[k + 1], each of the source numbered source[i]."""
+
+    first: IntArray
+    source: IntArray
+    N: Array
+
+    @classmethod
+    def of(cls, problem: LinearProblem, whitener: Whitener) -> "_Fresh":
+        """Collect noise and white nuisances and sort them by measurement."""
+        n, p = problem.n, problem.p
+        label = np.zeros(n, dtype=np.int64) if problem.noise_label is None else problem.noise_label
+        rows, sources = [np.arange(n)], [label]
+        covariances = [np.broadcast_to(problem.truth, (n, p, p))]
+        live = [white for white in problem.white if white.treatment != "fixed"]
+        for index, white in enumerate(live, start=len(problem.noise_names)):
+            rows.append(white.rows)
+            sources.append(np.full(len(white.rows), index, dtype=np.int64))
+            covariances.append(projected(white.H, white.truth))
+        row = np.concatenate(rows)
+        order = np.argsort(row, kind="stable")
+        N, row = np.concatenate(covariances)[order], row[order]
+        L = whitener.L if len(whitener.L) == 1 else whitener.L[row]
+        for _ in range(2):  # L^-1 N, then its transpose likewise
+            solve_rows(L, N)
+            N = np.ascontiguousarray(N.transpose(0, 2, 1))
+        first = np.searchsorted(row, np.arange(n + 1))
+        return cls(first=first, source=np.concatenate(sources)[order], N=N)
 
 
 def _state_only(problem: LinearProblem) -> LinearProblem:
@@ -188,20 +309,28 @@ def _state_only(problem: LinearProblem) -> LinearProblem:
     return replace(problem, blocks=blocks)
 
 
+def _resolved(P: Array) -> bool:
+    """Whether a covariance that was updated many times still has digits in its smallest direction."""
+    if not np.isfinite(P).all():
+        return False
+    values = np.linalg.eigvalsh(P)
+    return bool(values[0] > LOST * values[-1])
+
+
 def _estimate(problem: LinearProblem, partition: Partition, sweep: _Sweep) -> Estimate:
     """Dress the end of a sweep as an Estimate."""
-    mean = partition.mean + partition.T @ sweep.y
+    mean = partition.mean + partition.T @ sweep.y[:, 0]
     pad = np.zeros((len(partition.left_out), sweep.size))
     base = np.vstack([partition.T, pad])
-    factors = {name: base @ covariance_factor(_even(part), name) for name, part in sweep.fresh.items()}
+    factors = {name: base @ gram_factor(part) for name, part in zip(_fresh_names(problem), sweep.fresh)}
     gains, first = {}, 0
     for source in partition.sources:
         span = slice(first, first + source.draw.shape[1])
         factors[source.name] = np.vstack([partition.T @ sweep.common[:, span], -sweep.outside[:, span]])
         gains[source.name] = factors[source.name] @ np.linalg.pinv(source.draw)
         first = span.stop
-    claim = lower_factor(covariance_factor(sweep.P, "filter"))
-    condition = conditioning(np.asarray(np.linalg.qr(np.linalg.pinv(claim), mode="r")))
+    claim = np.asarray(np.linalg.cholesky(sweep.P), dtype=np.float64)
+    condition = conditioning(np.asarray(np.linalg.qr(solve_lower(claim, np.eye(sweep.size)), mode="r")))
     solution = Solution(
         mean=mean,
         mean_left_out=partition.left_out_mean,
@@ -224,9 +353,3 @@ def _estimate(problem: LinearProblem, partition: Partition, sweep: _Sweep) -> Es
         solution=solution,
         notes=(f"{sweep.rejected} of {problem.n} measurements left out by the gate",) if sweep.rejected else (),
     )
-
-
-def _even(P: Array) -> Array:
-    """Remove the asymmetry of round-off."""
-    even: Array = 0.5 * (P + P.T)
-    return even
