@@ -168,6 +168,56 @@ def validate(
 
 
 @app.command()
+@click.argument("mission")
+@click.option("--prediction", "-p", required=True, help="Name of a prediction of the mission.")
+@click.option("--visits", "-k", type=int, default=5, show_default=True, help="How many visits to schedule.")
+@click.option("--estimator", help="Name of an estimator [default: the first].")
+@click.option(
+    "--criterion", type=click.Choice(["a", "d"]), default="a", show_default=True, help="a: root trace; d: area, volume."
+)
+@click.option("--from", "start", help="First candidate epoch, as in a mission file [default: the mission's schedule].")
+@click.option("--to", "end", help="Last candidate epoch.")
+@click.option("--step", help='From one candidate epoch to the next, as "6 h".')
+@click.option("--visit-time", multiple=True, help='Time of a visit, "2 h" or TELESCOPE="30 min" [default: 1 h].')
+@click.option("-o", "--output", type=click.Path(path_type=Path), help="Also write the result to this new .json file.")
+@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON, and nothing else, on stdout.")
+def plan(
+    mission: str,
+    prediction: str,
+    visits: int,
+    estimator: str | None,
+    criterion: str,
+    start: str | None,
+    end: str | None,
+    step: str | None,
+    visit_time: tuple[str, ...],
+    output: Path | None,
+    as_json: bool,
+) -> int:
+    """Find the measurements that would make a PREDICTION of MISSION better, and by how much.
+
+    \b
+    Example:  nebosvod plan apophis-2029 --prediction encounter --visits 5
+    """
+    from nebosvod.mission import load_mission
+    from nebosvod.plan import plan as plan_mission
+    from nebosvod.plan import read_wish
+    from nebosvod.plan_answer import print_plan
+    from nebosvod.result import json_text, write_new_text
+
+    loaded = load_mission(mission)
+    wish = read_wish(loaded, prediction, visits, estimator, criterion, (start, end, step), visit_time)
+    found = plan_mission(loaded, wish, _progress())
+    if output is not None:
+        write_new_text(output, json_text(found))
+    if as_json:
+        click.echo(json_text(found), nl=False)
+    else:
+        print_plan(found)
+    return 0
+
+
+@app.command()
 @click.argument("folder", type=click.Path(path_type=Path))
 def report(folder: Path) -> int:
     """(Re)make report.html of the run in FOLDER, from the files of the run alone."""

@@ -1,0 +1,187 @@
+"""`nebosvod plan`: every score is what a new run with that measurement gives, and the advice is the best of them."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from nebosvod.assembly import computed_psi, linear_problem, nominal_point, view
+from nebosvod.cli import main
+from nebosvod.errors import GeometryError, InputError
+from nebosvod.estimation import Estimate
+from nebosvod.fitting import SOLVERS
+from nebosvod.mission import Mission, load_mission, load_mission_text
+from nebosvod.plan import Wish, plan
+from nebosvod.predictions import quantity
+from nebosvod.prior import prior_table
+from nebosvod.scene import build_scene
+
+NAME = "ten days later"
+HOUR = 3600.0
+DAY = 24 * HOUR
+# between the mission's own epochs, so that a schedule can hold each candidate as an arc of its own
+GRID = {"start_s": 5.25 * DAY, "end_s": 33.25 * DAY, "step_s": 7.0 * DAY}
+BIAS = "bias: {sigma: 0.05 arcsec, treatment: estimated}"
+WHITE = "sigma: 3 km, correlation: white"
+CHANGES = {
+    "as it is": ("", ""),
+    "considered bias": (BIAS, BIAS.replace("estimated", "considered")),
+    "ignored position": (f"{WHITE}, treatment: estimated", "sigma: 300 km, correlation: white, treatment: ignored"),
+    "orbit error": (WHITE, "sigma: 3 km, velocity_sigma: 1 mm/s, correlation: orbit_error, renewal: 3 d"),
+    "correlated position": (WHITE, "sigma: 300 km, correlation: gauss_markov, time: 5 d"),
+}
+
+
+def changed(text: str, change: str) -> str:
+    before, after = CHANGES[change]
+    assert before in text
+    return text.replace(before, after, 1) if before else text
+
+
+def with_visits(text: str, visits: list[tuple[str, str]]) -> Mission:
+    """The mission with visits more in its schedule: (telescope, epoch)."""
+    arcs = "".join(
+        f"  - {{telescopes: [{telescope}], start: {epoch}, end: {epoch}, cadence: 1 d}}\n"
+        for telescope, epoch in visits
+    )
+    return load_mission_text(text.replace("predictions:", arcs + "predictions:"))
+
+
+def solved_from_scratch(mission: Mission) -> tuple[float, float]:
+    """(root trace, geometric mean of the semi-axes) of the prediction, by the whole chain."""
+    scene = build_scene(mission)
+    nominal = view(scene, nominal_point(scene))
+    priors = prior_table(mission, scene.forces, scene.state)
+    problem = linear_problem(scene, mission.estimators[0], nominal, computed_psi(nominal), priors, about=nominal.point)
+    estimate: Estimate = SOLVERS[mission.estimators[0].method](problem)
+    asked = quantity(scene, scene.trajectory, mission.predictions[0])
+    known = [name in estimate.names + estimate.left_out for name in asked.names]
+    names = [name for name in asked.names if name in estimate.names + estimate.left_out]
+    covariance = estimate.predict(asked.partials[:, known], names).covariance
+    return float(np.sqrt(np.trace(covariance))), float(np.linalg.det(covariance) ** (1 / 6))
+
+
+@pytest.mark.parametrize("change", CHANGES)
+def test_every_candidate_scores_what_the_mission_with_that_visit_gives(minimal_text: str, change: str) -> None:
+    """Tolerance 1e-7 of sigma: the orbit is integrated again with another span."""
+    text = changed(minimal_text, change)
+    found = plan(load_mission_text(text), Wish(prediction=NAME, visits=1, **GRID))  # type: ignore[arg-type]
+    assert found["n_candidates"] == 10
+    assert found["sigma_now"]["a"] == pytest.approx(solved_from_scratch(load_mission_text(text))[0], rel=1e-7)
+    for curve in found["curves"]:
+        for epoch, a, d in zip(curve["epoch_tdb"], curve["sigma_after"]["a"], curve["sigma_after"]["d"]):
+            wanted = solved_from_scratch(with_visits(text, [(curve["telescope"], epoch)]))
+            assert (a, d) == pytest.approx(wanted, rel=1e-7), (curve["telescope"], epoch)
+
+
+@pytest.mark.parametrize("change", ["as it is", "considered bias", "correlated position"])
+def test_the_greedy_schedule_is_the_best_at_each_step_by_brute_force(minimal_text: str, change: str) -> None:
+    text = changed(minimal_text, change)
+    found = plan(load_mission_text(text), Wish(prediction=NAME, visits=3, **GRID))  # type: ignore[arg-type]
+    everything = [(curve["telescope"], epoch) for curve in found["curves"] for epoch in curve["epoch_tdb"]]
+    taken: list[tuple[str, str]] = []
+    for row in found["greedy"]["a"][:2]:
+        scores = {
+            visit: solved_from_scratch(with_visits(text, [*taken, visit]))[0]
+            for visit in everything
+            if visit not in taken
+        }
+        best = min(scores, key=lambda visit: scores[visit])
+        assert (row["telescope"], row["epoch_tdb"]) == best
+        assert row["sigma_after"]["a"] == pytest.approx(scores[best], rel=1e-7)
+        taken.append(best)
+
+
+def test_chosen_visits_beat_even_ones_and_each_helps(minimal: Mission) -> None:
+    found = plan(minimal, Wish(prediction=NAME, visits=6))
+    for criterion in ("a", "d"):
+        sigmas = [found["sigma_now"][criterion]]
+        sigmas += [row["sigma_after"][criterion] for row in found["greedy"][criterion]]
+        assert np.all(np.diff(sigmas) < 0.0)
+        assert sigmas[-1] < found["uniform"][-1]["sigma_after"][criterion]
+    assert found["n_candidates"] == 62
+    assert len({(row["telescope"], row["epoch_tdb"]) for row in found["greedy"]["a"]}) == 6
+    assert {row["telescope"] for row in found["uniform"]} == {"ahead", "behind"}
+
+
+def test_a_visit_that_takes_longer_must_bring_more(minimal: Mission) -> None:
+    plain = plan(minimal, Wish(prediction=NAME, visits=1))
+    first = plain["windows"][0]["telescope"]
+    slow = plan(minimal, Wish(prediction=NAME, visits=1, visit_s={first: 100 * HOUR}))
+    assert slow["windows"][0]["telescope"] != first
+    assert slow["greedy"]["a"][0]["telescope"] != first
+    assert slow["visit_hours"][first] == 100.0
+
+
+def test_a_window_holds_the_neighbours_that_are_nearly_as_good(minimal: Mission) -> None:
+    found = plan(minimal, Wish(prediction=NAME, visits=1, step_s=2 * HOUR))
+    for row in found["windows"]:
+        (curve,) = (curve for curve in found["curves"] if curve["telescope"] == row["telescope"])
+        gain = found["sigma_now"]["a"] - np.array(curve["sigma_after"]["a"])
+        first, last = (curve["epoch_tdb"].index(epoch) for epoch in row["window_tdb"])
+        best = curve["epoch_tdb"].index(row["epoch_tdb"])
+        assert first <= best <= last
+        assert gain[best] == gain.max()
+        assert np.all(gain[first : last + 1] >= 0.9 * gain.max())
+        assert first == 0 or gain[first - 1] < 0.9 * gain.max()
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "words"),
+    [
+        (["-p", "ten days latter"], 2, "did you mean 'ten days later'"),
+        (["-p", NAME, "--visits", "0"], 2, "out of range"),
+        (["-p", NAME, "--step", "6"], 2, "--step: needs a duration with a unit"),
+        (["-p", NAME, "--step", "-6 h"], 2, "more than 0"),
+        (["-p", NAME, "--step", "1 ms"], 2, "too many"),
+        (["-p", NAME, "--from", "yesterday"], 2, "--from:"),
+        (["-p", NAME, "--to", "2100-01-01T00:00:00 TDB"], 2, "beyond the orbit"),
+        (["-p", NAME, "--estimator", "oracle"], 2, "no estimator 'oracle'; there are: batch"),
+        (["-p", NAME, "--visit-time", "hubble=1 h"], 2, "no telescope 'hubble'"),
+    ],
+)
+def test_wrong_options_say_what_is_allowed(
+    options: list[str], code: int, words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["plan", "minimal", *options]) == code
+    err = capsys.readouterr().err
+    assert words in err
+    assert "Traceback" not in err
+
+
+def test_a_mission_that_sees_nothing_more_or_too_little_is_exit_1(minimal_text: str) -> None:
+    short = minimal_text.replace("end: 2028-04-19T00:00:00 TDB", "end: 2028-03-20T00:00:00 TDB")
+    with pytest.raises(GeometryError, match="nothing to improve yet"):
+        plan(load_mission_text(short), Wish(prediction=NAME))
+    late = "noise: {sigma: 0.1 arcsec}\n    duty: [{start: 2028-03-20T00:00:00 TDB, end: 2028-04-10T00:00:00 TDB}]"
+    seldom = load_mission_text(minimal_text.replace("noise: {sigma: 0.1 arcsec}", late))
+    with pytest.raises(GeometryError, match="any candidate epoch"):
+        plan(seldom, Wish(prediction=NAME, start_s=25 * DAY, end_s=30 * DAY))
+
+
+def test_a_telescope_that_has_measured_nothing_yet_is_a_candidate(minimal_text: str) -> None:
+    """Its duty begins after the schedule, so that its sources of error are not in the mission's own problem."""
+    before = "like: ahead, orbit: {lead: -10 deg}"
+    duty = "duty: [{start: 2028-04-20T00:00:00 TDB, end: 2028-05-20T00:00:00 TDB}]"
+    assert before in minimal_text
+    text = minimal_text.replace(before, f"{before}, {duty}")
+    found = plan(load_mission_text(text), Wish(prediction=NAME, visits=2, **GRID))  # type: ignore[arg-type]
+    (curve,) = (curve for curve in found["curves"] if curve["telescope"] == "behind")
+    wanted = solved_from_scratch(with_visits(text, [("behind", curve["epoch_tdb"][0])]))
+    assert curve["sigma_after"]["a"][0] == pytest.approx(wanted[0], rel=1e-7)
+
+
+def test_the_command_prints_advice_and_writes_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "plan.json"
+    assert main(["plan", "minimal", "-p", NAME, "-k", "2", "-o", str(path)]) == 0
+    out = capsys.readouterr().out
+    assert "measure next with ahead at 2028-04-19T00:00:00 TDB" in out
+    assert "…" not in out
+    assert main(["plan", "minimal", "-p", NAME, "-k", "2", "--json"]) == 0
+    stored: dict[str, Any] = json.loads(path.read_text("utf-8"))
+    assert json.loads(capsys.readouterr().out) == stored
+    assert main(["plan", "minimal", "-p", NAME, "-o", str(path)]) == 3
+    with pytest.raises(InputError):
+        plan(load_mission("minimal"), Wish(prediction="nothing"))
