@@ -5,9 +5,14 @@ barycentric; P: bodies (rows in window order); VS: velocity of the Sun; A: accel
 dA/dX in rows xx, xy, xz, yy, yz, zz; G, K: dA/dX and dA/dV, nine rows each, row-major. km, s.
 
 What is left out, and how much it is, for a near-Earth asteroid over one year: other asteroids than the 16, 0.01-0.1 km;
-post-Newtonian terms of the planets 0.003 km (switch: relativity="eih"); J2 of the Sun 0.001 km at 1 au; Lense-Thirring
-effect of the Sun 1e-4 km; figure of the Moon and the planets other than the Earth, below 1e-6 km unless closer than ten
-radii; tesseral harmonics of the Earth, about 1e-3 of J2's effect, metres after a pass at six Earth radii.
+Lense-Thirring effect of the Sun 1e-4 km; figure of the planets other than the Earth, below 1e-6 km unless closer than
+ten radii. What can be switched: post-Newtonian terms of the planets 0.003 km (relativity="eih"); J2 of the Sun 0.01 km.
+
+An encounter multiplies all of it. Apophis passes the Earth at six radii on 2029-04-13 and stands on 2030-01-01 farther
+away by: J2 1830 km; precession of the pole since 2000 3.3 km; J3 1.8 km; J4 0.14 km; nutation 0.07 km. Left out there:
+tesseral harmonics 12 km (degree 2 order 2 -14.4, 31 +2.5, 32 -0.9, 42 +0.25, 33 +0.14 km: 2.7 m in the b-plane, which
+no orbit known today resolves; JPL's orbits leave them out as well); solid tides of the Earth 0.03 km; figure of the
+Moon 0.02 km; nutation beyond its four largest terms 1e-3 km.
 """
 
 import numpy as np
@@ -118,15 +123,23 @@ def zonal_harmonics_gradient(n: int, X: Array, P: Array, b: int, gm: float, J: A
 
 
 @kernel
-def earth_pole(centuries: float, pole: Array) -> None:
-    """Celestial intermediate pole of date (3,) in ICRF: precession X, Y of IAU 2006 (Capitaine et al. 2003, eq. 49).
+def earth_pole(of_date: bool, centuries: float, pole: Array) -> None:
+    """Celestial intermediate pole (3,) in ICRF, or the pole of J2000 = (0, 0, 1) when not `of_date`.
 
-    `centuries` are Julian centuries of TDB after J2000. Nutation (9 arcsec) is left out: 4.5e-5 of the J2 acceleration.
+    Precession X, Y of IAU 2006 (Capitaine et al. 2003, eq. 49) and the four largest terms of nutation (IAU 1980,
+    Seidelmann 1982: 18.6 and 9.3 years, half a year, half a month; what is left is below 0.5 arcsec). `centuries` are
+    Julian centuries of TDB after J2000.
     """
+    if not of_date:
+        pole[0], pole[1], pole[2] = 0.0, 0.0, 1.0
+        return
     arcsec = 4.848136811095360e-6
     t = centuries
-    x = (-0.016617 + (2004.191898 + (-0.4297829 - 0.19861834 * t) * t) * t) * arcsec
-    y = (-0.006951 + (-0.025896 + (-22.4072747 + 0.00190059 * t) * t) * t) * arcsec
+    node, sun2, moon2 = 2.18243920 - 33.7570460 * t, 3.50694 + 1256.66393 * t, 7.62068 + 16799.41822 * t
+    longitude = -17.1996 * np.sin(node) - 1.3187 * np.sin(sun2) - 0.2274 * np.sin(moon2) + 0.2062 * np.sin(2.0 * node)
+    obliquity = 9.2025 * np.cos(node) + 0.5736 * np.cos(sun2) + 0.0977 * np.cos(moon2) - 0.0895 * np.cos(2.0 * node)
+    x = (-0.016617 + (2004.191898 + (-0.4297829 - 0.19861834 * t) * t) * t + 0.397777156 * longitude) * arcsec
+    y = (-0.006951 + (-0.025896 + (-22.4072747 + 0.00190059 * t) * t) * t + obliquity) * arcsec
     pole[0] = x
     pole[1] = y
     pole[2] = np.sqrt(1.0 - x * x - y * y)

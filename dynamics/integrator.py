@@ -25,7 +25,7 @@ from nebosvod.dynamics.forces import (
 )
 from nebosvod.dynamics.model import Physics
 from nebosvod.dynamics.nongrav import nongrav, nongrav_gradient
-from nebosvod.dynamics.radiation import radiation, radiation_gradient
+from nebosvod.dynamics.radiation import radiation, radiation_gradient, shade, shade_gradient
 from nebosvod.dynamics.relativity import (
     MAJOR,
     eih,
@@ -143,8 +143,10 @@ def acceleration(n: int, w: Work, p: Physics, A: Array) -> None:
         eih(n, w.X, w.V, w.P, w.W, w.WA, w.U, p.gm, p.c2, w.Q, A)
     if p.radiation_on:
         radiation(n, w.X, w.P, p.radiation_strength, A)
+        if p.shadow_range > 0.0 and near(p.shadow_range, n, w.X, w.P, EARTH):
+            shade(n, w.X, w.P, p.radiation_strength, A)
     if p.nongrav_on:
-        nongrav(n, w.X, w.V, w.P, w.VS, p.nongrav_strength, A)
+        nongrav(n, w.X, w.V, w.P, w.VS, p.nongrav_strength, p.nongrav_law, A)
 
 
 @kernel
@@ -166,8 +168,10 @@ def jacobian(n: int, w: Work, p: Physics) -> None:
         sun_relativity_gradient(n, w.X, w.V, w.P, w.VS, p.gm[SUN], p.c2, w.G, w.K)
     elif p.relativity == 2:
         eih_gradient(n, w.X, w.V, w.P, w.W, w.WA, w.U, p.gm, p.c2, w.Q, w.G, w.K)
+    if p.radiation_on and p.shadow_range > 0.0 and near(p.shadow_range, n, w.X, w.P, EARTH):
+        shade_gradient(n, w.X, w.P, p.radiation_strength, p.radiation_unit, w.G, w.F[:24])
     if p.nongrav_on:
-        nongrav_gradient(n, w.X, w.V, w.P, w.VS, p.nongrav_strength, p.nongrav_unit, w.G, w.K, w.F[24:])
+        nongrav_gradient(n, w.X, w.V, w.P, w.VS, p.nongrav_strength, p.nongrav_law, p.nongrav_unit, w.G, w.K, w.F[24:])
 
 
 @kernel
@@ -216,7 +220,7 @@ def read_ephemeris(
     if p.relativity == 2:
         major_velocities_at(n, w.t, coefficients, layout, timing, p.mass_ratio, w.W)
         major_fields(n, w.P, p.gm, w.WA, w.U)
-    earth_pole(p.century + (t + 0.5 * h) / 3155760000.0, w.pole)
+    earth_pole(p.earth_pole_of_date, p.century + (t + 0.5 * h) / 3155760000.0, w.pole)
 
 
 @kernel

@@ -10,10 +10,16 @@ import numpy.typing as npt
 
 from nebosvod.dynamics import nongrav as nongrav_module
 from nebosvod.dynamics import radiation as radiation_module
-from nebosvod.dynamics.constants import AU_D2_KM_S2, AU_KM, J2000_JD, RADIATION_KM3_S2_PER_M2_KG
-from nebosvod.dynamics.ephemeris import ASTEROIDS, PLANETS, Ephemeris
+from nebosvod.dynamics.constants import (
+    ASTEROID_RADIUS_KM,
+    AU_D2_KM_S2,
+    AU_KM,
+    J2000_JD,
+    RADIATION_KM3_S2_PER_M2_KG,
+)
+from nebosvod.dynamics.ephemeris import ASTEROIDS, PLANETS, Ephemeris, Window
 from nebosvod.dynamics.nongrav import Nongrav
-from nebosvod.dynamics.radiation import RadiationPressure
+from nebosvod.dynamics.radiation import SHADOW_RANGE_KM, RadiationPressure
 from nebosvod.errors import InputError
 from nebosvod.timescale import Epoch
 
@@ -30,6 +36,8 @@ SUN_POLE: Array = np.array(
         np.sin(np.radians(63.87)),
     ]
 )
+# An orbit that starts closer to an asteroid than this many radii is that asteroid's own
+OWN_RADII = 10.0
 # Columns that the kernel integrates; every parameter is a multiple of one of them
 COLUMNS = ("kappa", "a1", "a2", "a3")
 
@@ -43,6 +51,7 @@ class Physics(NamedTuple):
     relativity: int  # place in RELATIVITY
     earth_zonal: Array  # (4,) radius in km, J2, J3, J4
     earth_range: float  # km; 0 switches the zonal harmonics off
+    earth_pole_of_date: bool
     sun_oblate: bool
     sun_zonal: Array  # (4,) radius in km, J2, 0, 0
     sun_pole: Array  # (3,) unit vector of the Sun's rotation axis
@@ -50,8 +59,10 @@ class Physics(NamedTuple):
     radiation_on: bool
     radiation_strength: float  # km^3/s^2
     radiation_unit: float  # km^3/s^2 per m^2/kg
+    shadow_range: float  # km from the Earth; 0 switches its shadow off
     nongrav_on: bool
     nongrav_strength: Array  # (3,) km^3/s^2
+    nongrav_law: Array  # (5,) alpha, r0 in km, m, n, k
     nongrav_unit: float  # km^3/s^2 per au/d^2
 
 
@@ -64,40 +75,81 @@ class ForceModel:
     ephemeris : where the perturbers are.
     asteroids : whether the 16 asteroids attract.
     relativity : "none", "sun" (Schwarzschild term of the Sun) or "eih" (all planets).
-    earth_oblateness : J2, J3, J4 of the Earth, with its pole of date.
+    earth_oblateness : zonal harmonics of the Earth.
+    earth_harmonics : the highest of them, 2, 3 or 4.
+    earth_pole : "date" (precession and nutation) or "j2000".
     sun_oblateness : J2 of the Sun.
     radiation : sphere in sunlight, or None.
+    earth_shadow : whether the Earth's shadow (umbra and penumbra) interrupts the radiation.
     nongrav : Marsden's A1, A2, A3, or None.
     parameters : names of the columns of zeta in their order, of "radius_m", "mass_kg", "albedo", "thermal_emission"
         (with radiation), "a1_au_d2", "a2_au_d2", "a3_au_d2" (with nongrav).
+    excluded : asteroids that do not attract; `propagate` adds the one that the object itself is.
 
     Raises
     ------
     InputError
-        For an unknown or repeated parameter, or one of a force that is off.
+        For an unknown or repeated parameter, or one of a force that is off; for an unknown switch.
+
+    Notes
+    -----
+    The defaults are what is physically there. Two models of JPL differ and can be had: solution 220 of Apophis (2024)
+    is relativity="eih", sun_oblateness=False, earth_harmonics=2; the small-body code as frozen in its reference state
+    of Apophis is relativity="eih", earth_pole="j2000".
     """
 
     ephemeris: Ephemeris
     asteroids: bool = True
     relativity: Relativity = "sun"
     earth_oblateness: bool = True
+    earth_harmonics: Literal[2, 3, 4] = 4
+    earth_pole: Literal["date", "j2000"] = "date"
     sun_oblateness: bool = True
     radiation: RadiationPressure | None = None
+    earth_shadow: bool = True
     nongrav: Nongrav | None = None
     parameters: tuple[str, ...] = ()
+    excluded: tuple[str, ...] = ()
     _gm: Array = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "parameters", tuple(self.parameters))
         if self.relativity not in RELATIVITY:
             raise InputError(f'relativity "{self.relativity}" is unknown (allowed: {", ".join(RELATIVITY)})')
+        if self.earth_harmonics not in (2, 3, 4):
+            raise InputError(f"earth_harmonics {self.earth_harmonics} is unknown (allowed: 2, 3, 4)")
+        if self.earth_pole not in ("date", "j2000"):
+            raise InputError(f'earth_pole "{self.earth_pole}" is unknown (allowed: date, j2000)')
+        strangers = [body for body in self.excluded if body not in ASTEROIDS]
+        if strangers:
+            raise InputError(f'excluded "{strangers[0]}" is unknown; known: {", ".join(ASTEROIDS)}')
         for name in self.parameters:
             self._check_parameter(name)
         if len(set(self.parameters)) != len(self.parameters):
             raise InputError(f"parameters {self.parameters} repeat a name")
-        bodies = PLANETS + ASTEROIDS if self.asteroids else PLANETS
-        gm = np.array([self.ephemeris.gm_km3_s2[body] for body in bodies])
+        gm = np.array([self.ephemeris.gm_km3_s2[body] for body in self.bodies])
         object.__setattr__(self, "_gm", gm)
+
+    @property
+    def bodies(self) -> tuple[str, ...]:
+        """Names of what attracts, in the order of the window."""
+        return PLANETS + tuple(a for a in ASTEROIDS if a not in self.excluded) if self.asteroids else PLANETS
+
+    def window(self, epoch: Epoch, start_s: float, end_s: float) -> Window:
+        """The ephemeris of `bodies` over an arc, TDB seconds after `epoch`."""
+        window = self.ephemeris.window(epoch, start_s, end_s, asteroids=self.asteroids)
+        if not (self.asteroids and self.excluded):
+            return window
+        rows = [row for row, body in enumerate(PLANETS + ASTEROIDS) if body not in self.excluded]
+        return dataclasses.replace(window, layout=window.layout[rows], timing=window.timing[rows])
+
+    def perturber_at(self, position_km: Array, epoch: Epoch) -> str | None:
+        """The attracting asteroid within OWN_RADII radii of a barycentric position (3,), or None: the object itself."""
+        for body in self.bodies[len(PLANETS) :]:
+            gap = np.linalg.norm(position_km - self.ephemeris.position_km(body, epoch, 0.0)[0])
+            if gap < OWN_RADII * ASTEROID_RADIUS_KM[body]:
+                return body
+        return None
 
     def _check_parameter(self, name: str) -> None:
         """Refuse an unknown name and a parameter whose force is off."""
@@ -133,16 +185,7 @@ class ForceModel:
             radiation = dataclasses.replace(radiation, **mine)
         if theirs and nongrav is not None:
             nongrav = dataclasses.replace(nongrav, **theirs)
-        return ForceModel(
-            ephemeris=self.ephemeris,
-            asteroids=self.asteroids,
-            relativity=self.relativity,
-            earth_oblateness=self.earth_oblateness,
-            sun_oblateness=self.sun_oblateness,
-            radiation=radiation,
-            nongrav=nongrav,
-            parameters=self.parameters,
-        )
+        return dataclasses.replace(self, radiation=radiation, nongrav=nongrav)
 
     def physics(self, epoch: Epoch) -> Physics:
         """The bare numbers for the kernels, with times counted from `epoch`."""
@@ -154,14 +197,16 @@ class ForceModel:
             else (self.nongrav.a1_au_d2, self.nongrav.a2_au_d2, self.nongrav.a3_au_d2)
         )
         unit = AU_D2_KM_S2 * AU_KM**2
-        harmonics = ("earth_radius_km", "earth_j2", "earth_j3", "earth_j4")
+        zonal = np.array([scalars[name] for name in ("earth_radius_km", "earth_j2", "earth_j3", "earth_j4")])
+        zonal[self.earth_harmonics :] = 0.0
         return Physics(
             gm=self._gm,
             c2=float(scalars["speed_of_light_km_s"] ** 2),
             mass_ratio=float(scalars["earth_moon_mass_ratio"]),
             relativity=RELATIVITY.index(self.relativity),
-            earth_zonal=np.array([scalars[name] for name in harmonics]),
+            earth_zonal=zonal,
             earth_range=float(OBLATENESS_RANGE_KM if self.earth_oblateness else 0.0),
+            earth_pole_of_date=self.earth_pole == "date",
             sun_oblate=self.sun_oblateness,
             sun_zonal=np.array([scalars["sun_radius_km"], scalars["sun_j2"], 0.0, 0.0]),
             sun_pole=SUN_POLE.copy(),
@@ -169,8 +214,10 @@ class ForceModel:
             radiation_on=self.radiation is not None,
             radiation_strength=float(RADIATION_KM3_S2_PER_M2_KG * kappa),
             radiation_unit=float(RADIATION_KM3_S2_PER_M2_KG),
+            shadow_range=float(SHADOW_RANGE_KM if self.earth_shadow else 0.0),
             nongrav_on=self.nongrav is not None,
             nongrav_strength=np.array(accelerations) * unit,
+            nongrav_law=(Nongrav() if self.nongrav is None else self.nongrav).law,
             nongrav_unit=float(unit),
         )
 

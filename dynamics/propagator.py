@@ -1,5 +1,7 @@
 """propagate(...): the public face of the compiled integrator."""
 
+import dataclasses
+
 import numpy as np
 import numpy.typing as npt
 
@@ -15,6 +17,7 @@ from nebosvod.timescale import Epoch
 
 Array = npt.NDArray[np.float64]
 TOLERANCE = 1e-11
+OWN_TIDE = 1e-10  # s^-2: GM/r^3 at ten radii of an asteroid of 0.4 g/cm^3
 LIGHT_TIME_MARGIN_S = 21600.0  # the light time over 43 au
 
 
@@ -35,7 +38,8 @@ def propagate(
     state_km_km_s : shape (6,), heliocentric ICRF position and velocity at `epoch`, km, km/s.
     epoch : the reference epoch, t = 0.
     t_s : shape (n,), TDB seconds after `epoch`, any order, either sign.
-    forces : the force model; `forces.parameters` are the columns of zeta.
+    forces : the force model; `forces.parameters` are the columns of zeta. An orbit that starts within ten radii of one
+        of the asteroids is that asteroid: it is left out, and `trajectory.forces.excluded` says so.
     sensitivities : whether Phi and zeta are integrated.
     tolerance : last Legendre coefficient of the acceleration over a step, relative.
     margin_s : how far before the first time the trajectory reaches, so that light-time solutions find their emission
@@ -50,7 +54,7 @@ def propagate(
     """
     start, times = _checked(state_km_km_s, t_s)
     low, high = _span(forces, epoch, min(0.0, float(times.min())), max(0.0, float(times.max())), margin_s)
-    window = forces.ephemeris.window(epoch, low, high, asteroids=forces.asteroids)
+    window = forces.window(epoch, low, high)
     barycentric = start + forces.ephemeris.state_km_km_s("sun", epoch, 0.0)[0]
     columns, chain = forces.columns()
     if not sensitivities:
@@ -64,6 +68,10 @@ def propagate(
                 columns, sensitivities, float(tolerance),
             )  # fmt: skip
             legs[leg] = steps
+            itself = _perturber_itself(forces, steps, barycentric, epoch)
+            if itself is not None:
+                without = dataclasses.replace(forces, excluded=(*forces.excluded, itself))
+                return propagate(start, epoch, times, without, sensitivities, tolerance=tolerance, margin_s=margin_s)
             if status != integrator.OK:
                 if len(steps.start):
                     stub = join(legs[0], legs[1], window, 6 + len(columns) if sensitivities else 0)
@@ -74,6 +82,13 @@ def propagate(
     if table.steps.tide.max() > IMPACT_TIDE:
         require_no_impact(trajectory, table.steps.tide)
     return trajectory
+
+
+def _perturber_itself(forces: ForceModel, steps: Steps, barycentric: Array, epoch: Epoch) -> str | None:
+    """The asteroid whose own orbit this is. Looked up only after a first step in a strong tide, for it costs 0.1 ms."""
+    if len(steps.start) and steps.tide[0] < OWN_TIDE:
+        return None
+    return forces.perturber_at(barycentric[:3], epoch)
 
 
 def _checked(state_km_km_s: npt.ArrayLike, t_s: npt.ArrayLike) -> tuple[Array, Array]:

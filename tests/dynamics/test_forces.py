@@ -14,6 +14,7 @@ from nebosvod.dynamics import Ephemeris, forces, nongrav, radiation, relativity
 from nebosvod.dynamics.constants import AU_D2_KM_S2, AU_KM, RADIATION_KM3_S2_PER_M2_KG, SPEED_OF_LIGHT_KM_S
 from nebosvod.dynamics.ephemeris import ASTEROIDS, PLANETS
 from nebosvod.dynamics.model import SUN_POLE
+from nebosvod.dynamics.nongrav import WATER_ICE, Nongrav
 from nebosvod.timescale import Epoch
 
 Array = np.ndarray
@@ -118,6 +119,7 @@ def einstein_gradient(s: Scene) -> tuple[Array, Array]:
     return G, K
 
 
+LAWS = {"r^-2": Nongrav().law, "water ice": Nongrav(**WATER_ICE).law, "r^-1.5": Nongrav(alpha=2.0, m=1.5).law}
 STRENGTH = np.array([1.0, -0.7, 0.4]) * UNIT
 SUNLIGHT = 3.0 * RADIATION_KM3_S2_PER_M2_KG
 
@@ -135,16 +137,18 @@ def light_gradient(s: Scene) -> tuple[Array, Array]:
     return G, np.zeros(72)
 
 
-def marsden(s: Scene, X: Array, V: Array) -> Array:
-    A = np.zeros(24, dtype=np.result_type(X, V))
-    plain(nongrav.nongrav)(8, X, V, s.P, s.W[0], STRENGTH, A)
-    return A
+def marsden(law: Array) -> Pair:
+    def force(s: Scene, X: Array, V: Array) -> Array:
+        A = np.zeros(24, dtype=np.result_type(X, V))
+        plain(nongrav.nongrav)(8, X, V, s.P, s.W[0], STRENGTH, law, A)
+        return A
 
+    def gradient(s: Scene) -> tuple[Array, Array]:
+        G, K, F = np.zeros(72), np.zeros(72), np.zeros(72)
+        plain(nongrav.nongrav_gradient)(8, s.X, s.V, s.P, s.W[0], STRENGTH, law, UNIT, G, K, F)
+        return G, K
 
-def marsden_gradient(s: Scene) -> tuple[Array, Array]:
-    G, K, F = np.zeros(72), np.zeros(72), np.zeros(72)
-    plain(nongrav.nongrav_gradient)(8, s.X, s.V, s.P, s.W[0], STRENGTH, UNIT, G, K, F)
-    return G, K
+    return Pair(force, gradient)
 
 
 PAIRS = {
@@ -155,7 +159,7 @@ PAIRS = {
     "Sun's relativity": Pair(solar, solar_gradient),
     "EIH": Pair(einstein, einstein_gradient),
     "radiation pressure": Pair(light, light_gradient),
-    "A1, A2, A3": Pair(marsden, marsden_gradient),
+    **{f"A1, A2, A3 by {name}": marsden(law) for name, law in LAWS.items()},
 }
 
 
@@ -185,12 +189,13 @@ def test_parameter_columns_are_the_derivatives_of_the_force(scene: Scene) -> Non
     S, F = np.zeros(48), np.zeros(24)
     plain(radiation.radiation_gradient)(8, scene.X, scene.P, SUNLIGHT, RADIATION_KM3_S2_PER_M2_KG, S, F)
     assert light(scene, scene.X, scene.V) / 3.0 == pytest.approx(F, rel=1e-14)
-    G, K, F3 = np.zeros(72), np.zeros(72), np.zeros(72)
-    plain(nongrav.nongrav_gradient)(8, scene.X, scene.V, scene.P, scene.W[0], STRENGTH, UNIT, G, K, F3)
-    for k in range(3):
-        A = np.zeros(24)
-        plain(nongrav.nongrav)(8, scene.X, scene.V, scene.P, scene.W[0], np.eye(3)[k] * UNIT, A)
-        assert F3[24 * k : 24 * k + 24] == pytest.approx(A, rel=1e-12, abs=1e-14 * np.abs(A).max())
+    for law in LAWS.values():
+        G, K, F3 = np.zeros(72), np.zeros(72), np.zeros(72)
+        plain(nongrav.nongrav_gradient)(8, scene.X, scene.V, scene.P, scene.W[0], STRENGTH, law, UNIT, G, K, F3)
+        for k in range(3):
+            A = np.zeros(24)
+            plain(nongrav.nongrav)(8, scene.X, scene.V, scene.P, scene.W[0], np.eye(3)[k] * UNIT, law, A)
+            assert F3[24 * k : 24 * k + 24] == pytest.approx(A, rel=1e-12, abs=1e-14 * np.abs(A).max())
 
 
 def test_zonal_harmonics_are_the_gradient_of_their_potential(scene: Scene) -> None:
@@ -233,15 +238,32 @@ def test_bodies_accelerate_each_other_as_their_ephemeris_says(ephemeris: Ephemer
         assert np.linalg.norm(WA[row].reshape(3, 8)[:, 0] - wanted) < 2e-4 * np.linalg.norm(wanted), body
 
 
-def test_pole_of_the_earth_is_erfas_without_nutation() -> None:
-    """1e-9 rad: the series of IAU 2006 is cut after the third power."""
+def test_pole_of_the_earth_is_erfas() -> None:
+    """0.6 arcsec of the full nutation: four of its terms are summed; without them 9 arcsec are missing."""
     import erfa
 
+    pole, worst = np.zeros(3), 0.0
+    for century in np.linspace(-0.3, 0.6, 400):
+        forces.earth_pole(True, century, pole)
+        matrix = erfa.pnm06a(2451545.0, century * 36525.0)
+        worst = max(worst, float(np.degrees(np.abs(pole - matrix[2]).max()) * 3600.0))
+        assert pole @ pole == pytest.approx(1.0, abs=1e-15)
+    assert worst < 0.6
+
+
+def test_pole_of_j2000_stands_on_the_equator() -> None:
     pole = np.zeros(3)
-    for century in (-0.3, 0.0, 0.29, 0.6):
-        forces.earth_pole(century, pole)
-        matrix = erfa.pmat06(2451545.0, century * 36525.0)
-        assert np.abs(pole - matrix[2]).max() < 1e-8
+    forces.earth_pole(False, 0.29, pole)
+    assert pole.tolist() == [0.0, 0.0, 1.0]
+
+
+def test_laws_of_marsden_have_their_published_values() -> None:
+    """Water ice: g(1 au) = 1 by definition of alpha (1e-6: its digits); at 2.808 au g = alpha 2^-k."""
+    for r_au, wanted in ((1.0, 1.0), (2.808, 0.1112620426 * 2.0**-4.6142)):
+        q, _ = nongrav.law_factor((r_au * AU_KM) ** 2, LAWS["water ice"])
+        assert q / r_au**2 == pytest.approx(wanted, rel=1e-6)
+    assert nongrav.law_factor(4.0 * AU_KM**2, LAWS["r^-2"]) == (1.0, 0.0)
+    assert nongrav.law_factor(4.0 * AU_KM**2, LAWS["r^-1.5"])[0] == pytest.approx(2.0 * 2.0**0.5, rel=1e-14)
 
 
 def test_pole_of_the_sun_is_a_unit_vector_towards_draco() -> None:
