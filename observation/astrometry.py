@@ -13,7 +13,7 @@ from nebosvod.errors import InputError
 from nebosvod.observation import rows
 from nebosvod.observation.contracts import Array, Ephemeris, Trajectory
 from nebosvod.observation.emission import Emission
-from nebosvod.observation.sight import sight
+from nebosvod.observation.sight import reception_times, sight
 from nebosvod.observation.telescope import Telescope
 from nebosvod.timescale import Epoch
 
@@ -125,13 +125,12 @@ def observe(trajectory: Trajectory, telescope: Telescope, t_s: Array, ephemeris:
     rate is D L (V - v_telescope). Phi(t - tau, t) = [I + tau^2 G / 2, -tau I - tau^3 G / 6] with the Sun's gravity
     gradient G: the gradient term is 1e-8 of the whole at 1 au, the next one 1e-11.
     """
-    t_s = np.asarray(t_s, dtype=np.float64)
+    t_s = reception_times(t_s)
     names = tuple(trajectory.parameter_names)
     filled = {name: np.empty(_shape(t_s.size, shape, len(names))) for name, shape in ROW_FIELDS.items()}
     emission = Emission(trajectory)
-    # an empty or misshapen vector makes one piece, which `sight` refuses
-    for start in range(0, max(t_s.size, 1), CHUNK):
-        part = slice(start, start + CHUNK) if t_s.ndim == 1 else slice(None)
+    for start in range(0, t_s.size, CHUNK):
+        part = slice(start, start + CHUNK)
         _fill({name: values[part] for name, values in filled.items()}, emission, telescope, t_s[part], ephemeris)
     return Observation(
         epoch=trajectory.epoch,

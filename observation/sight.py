@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from nebosvod.errors import InputError
 from nebosvod.observation import rows
@@ -81,9 +82,7 @@ def sight(
     velocity, tau -> tau + (|rho| - c tau) / (c + u.V). The first step, from tau = 0, adds the fall towards the Sun, so
     that the second evaluation of the trajectory usually confirms the light time.
     """
-    t_s = np.array(t_s, dtype=np.float64)
-    if t_s.ndim != 1 or t_s.size == 0 or not np.all(np.isfinite(t_s)):
-        raise InputError(f"sight: reception times must be a non-empty vector of finite numbers (shape {t_s.shape})")
+    t_s = reception_times(t_s)
     epoch, emitted = trajectory.epoch, emitted or trajectory.state_at
     telescope = _own(spacecraft.state_km_km_s(ephemeris, epoch, t_s))
     tau, step, distance, light_time = np.empty((4, t_s.size))
@@ -111,6 +110,20 @@ def sight(
         f"(last step {np.max(np.abs(step)):.3g} s at t = {t_s[np.argmax(np.abs(step))]:.3f} s); "
         "is the target's state in km and km/s?"
     )
+
+
+def reception_times(t_s: npt.ArrayLike) -> Array:
+    """A copy of the times as a contiguous vector (n,).
+
+    Raises
+    ------
+    InputError
+        If they are no vector, empty, or not finite.
+    """
+    times = np.array(t_s, dtype=np.float64)
+    if times.ndim != 1 or times.size == 0 or not np.all(np.isfinite(times)):
+        raise InputError(f"sight: reception times must be a non-empty vector of finite numbers (shape {times.shape})")
+    return times
 
 
 def _own(states: Array) -> Array:

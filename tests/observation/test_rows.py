@@ -7,7 +7,7 @@ import pytest
 
 from nebosvod.dynamics import ForceModel, RadiationPressure, propagate
 from nebosvod.dynamics.constants import SPEED_OF_LIGHT_KM_S
-from nebosvod.errors import CoverageError
+from nebosvod.errors import CoverageError, InputError
 from nebosvod.observation import (
     GeocentricOrbit,
     Geostationary,
@@ -132,6 +132,12 @@ def test_times_may_be_read_only_reversed_or_integers(flight, telescope, ephemeri
         np.testing.assert_array_equal(observe(flight, telescope, times, ephemeris).psi, ahead.psi)
     back = observe(flight, telescope, still[::-1], ephemeris)
     np.testing.assert_array_equal(back.psi[::-1], ahead.psi)
+
+
+@pytest.mark.parametrize("times", [np.array([]), np.zeros((2, 2)), np.float64(3.0), np.array([0.0, np.inf])])
+def test_times_that_are_no_vector_of_numbers_are_refused(flight, telescope, ephemeris, times):
+    with pytest.raises(InputError, match="reception times"):
+        observe(flight, telescope, times, ephemeris)
 
 
 def test_light_that_left_before_the_trajectory_began_is_refused(flight, telescope, ephemeris):
