@@ -173,3 +173,43 @@ def _drift(size, q):
     Q = np.zeros((size, size))
     Q[6, 6], Q[6, 7], Q[7, 6], Q[7, 7] = q / 3, q / 2, q / 2, q
     return Q
+
+
+def test_schmidt_equals_the_updater_of_stone_soup():
+    """An independent implementation, where it is installed (`pip install 'nebosvod[oracles]'`): 20 updates."""
+    pytest.importorskip("stonesoup", reason="Stone Soup is an optional oracle: the extra `oracles` installs it")
+    from stonesoup.models.measurement.linear import LinearGaussian
+    from stonesoup.types.detection import Detection
+    from stonesoup.types.hypothesis import SingleHypothesis
+    from stonesoup.types.prediction import GaussianStatePrediction
+    from stonesoup.updater.kalman import SchmidtKalmanUpdater
+
+    class Partials(LinearGaussian):
+        """A linear measurement of any matrix; the library's own picks single components."""
+
+        partials = np.zeros((2, 5))
+
+        def matrix(self, **_):
+            return self.partials
+
+    H_x, H_c, R, P0, S = setup(7, n=20)
+    y = np.random.default_rng(8).normal(size=(20, 2))
+    left_out = np.array([False] * 3 + [True] * 2)
+    model = Partials(ndim_state=5, mapping=(0, 1), noise_covar=R)
+    updater = SchmidtKalmanUpdater(measurement_model=model, consider=left_out)
+    mean, joint = np.zeros((5, 1)), np.zeros((5, 5))
+    joint[:3, :3], joint[3:, 3:] = P0, S
+    belief, worst = ConsiderBelief.start(np.zeros(3), P0, S), 0.0
+    for k in range(20):
+        model.partials = np.hstack([H_x[k], H_c[k]])
+        prediction = GaussianStatePrediction(mean, joint)
+        after = updater.update(SingleHypothesis(prediction, Detection(y[k][:, None], measurement_model=model)))
+        mean, joint = np.asarray(after.mean, dtype=float), np.asarray(after.covar, dtype=float)
+        belief, _ = consider.update(belief, y[k] - H_x[k] @ belief.mean, H_x[k], H_c[k], R)
+        worst = max(
+            np.abs(belief.mean - mean[:3, 0]).max(),
+            np.abs(belief.P - joint[:3, :3]).max(),
+            np.abs(belief.C - joint[:3, 3:]).max(),
+            worst,
+        )
+    assert worst < 1e-12
