@@ -40,6 +40,9 @@ def app() -> None:
         nebosvod run apophis-2029         run one; prints the answer and where the report is
         nebosvod init my.yaml             a commented mission to start your own from
         nebosvod check my.yaml            is it right, and what will it cost? (runs nothing)
+        nebosvod validate my.yaml         can its sigmas be believed?
+        nebosvod plan my.yaml -p NAME     what to measure next
+        nebosvod compare DIR DIR          runs side by side
 
     Exit codes: 0 done, 1 finished but not trustworthy (not observable, not converged, nothing visible),
     2 wrong input, 3 missing data, disk or permission, 4 internal error, 130 interrupted.
@@ -214,6 +217,27 @@ def plan(
         click.echo(json_text(found), nl=False)
     else:
         print_plan(found)
+    return 0
+
+
+@app.command()
+@click.argument("folders", nargs=-1, type=click.Path(path_type=Path), metavar="DIR DIR ...")
+@click.option("--json", "as_json", is_flag=True, help="Print the comparison as JSON, and nothing else, on stdout.")
+def compare(folders: tuple[Path, ...], as_json: bool) -> int:
+    """Show the runs in several folders side by side, and warn where they do not compare.
+
+    \b
+    Example:  nebosvod compare apophis-2029-run apophis-heliocentric-run
+    """
+    from nebosvod.compare import compare as compare_runs
+    from nebosvod.compare_answer import print_comparison
+    from nebosvod.result import json_text
+
+    found = compare_runs(folders)
+    if as_json:
+        click.echo(json_text(found), nl=False)
+    else:
+        print_comparison(found)
     return 0
 
 

@@ -1,0 +1,181 @@
+"""`nebosvod compare`: the numbers of the folders side by side, a warning wherever they answer different questions."""
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from nebosvod.cli import main
+from nebosvod.compare import compare
+from nebosvod.errors import InputError
+
+Change = Callable[[dict[str, Any]], None]
+
+
+@pytest.fixture
+def pair(minimal_folder: Path, tmp_path: Path) -> Callable[[Change], tuple[Path, Path]]:
+    """A run, and a copy of it whose summary has been changed."""
+
+    def make(change: Change) -> tuple[Path, Path]:
+        other = tmp_path / "other"
+        shutil.copytree(minimal_folder, other)
+        summary = json.loads((other / "summary.json").read_text("utf-8"))
+        change(summary)
+        (other / "summary.json").write_text(json.dumps(summary), "utf-8")
+        return minimal_folder, other
+
+    return make
+
+
+def test_numbers_are_those_of_the_summaries_and_ratios_theirs(
+    pair: Callable[[Change], tuple[Path, Path]],
+) -> None:
+    def worse(summary: dict[str, Any]) -> None:
+        summary["estimators"][0]["sigma_position_km"] *= 2.0
+        row = summary["predictions"][0]
+        row["sigma_km"] = [3.0 * sigma for sigma in row["sigma_km"]]
+        summary["budget"][0]["share_position"] = 0.9
+
+    first, other = pair(worse)
+    found = compare([first, other])
+    summary = json.loads((first / "summary.json").read_text("utf-8"))
+    assert found["warnings"] == []
+    assert [run["label"] for run in found["runs"]] == ["minimal", "other"]
+    (estimator,) = found["estimators"]
+    assert estimator["by_run"][0]["sigma_position_km"] == summary["estimators"][0]["sigma_position_km"]
+    assert estimator["ratio_position"] == pytest.approx([1.0, 2.0])
+    (prediction,) = found["predictions"]
+    assert prediction["comparable"]
+    assert prediction["ratio"] == pytest.approx([1.0, 3.0])
+    assert prediction["by_run"][0]["covariance"] == summary["predictions"][0]["covariance_km2"]
+    changed = summary["budget"][0]["source"]
+    (row,) = (row for row in found["budget"] if row["source"] == changed)
+    assert row["share"] == [summary["budget"][0]["share_position"], 0.9]
+    shares = [row["share"][0] for row in prediction["budget"]]
+    assert sum(shares) == pytest.approx(1.0)
+
+
+def set_object(summary: dict[str, Any]) -> None:
+    summary["object"] = "Another"
+
+
+def set_epoch(summary: dict[str, Any]) -> None:
+    summary["reference_epoch_tdb"] = "2028-03-21T00:00:00.000 TDB"
+
+
+def set_force(summary: dict[str, Any]) -> None:
+    summary["physics"]["asteroids"] = not summary["physics"]["asteroids"]
+
+
+def set_status(summary: dict[str, Any]) -> None:
+    summary["estimators"][0]["status"] = "iteration_limit"
+
+
+def set_estimator(summary: dict[str, Any]) -> None:
+    for part, key in (("estimators", "name"), ("predictions", "estimator"), ("budget", "estimator")):
+        for row in summary[part]:
+            row[key] = "filter"
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (set_object, "the objects differ: minimal: Example; other: Another"),
+        (set_epoch, "the reference epochs differ"),
+        (set_force, "the forces differ in asteroids"),
+        (set_status, "other: batch did not converge (iteration_limit)"),
+        (set_estimator, "their first estimators differ: minimal: batch; other: filter"),
+    ],
+)
+def test_runs_that_do_not_compare_are_warned_about(
+    pair: Callable[[Change], tuple[Path, Path]], change: Change, words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folders = pair(change)
+    (warning,) = compare(folders)["warnings"]
+    assert warning.startswith(words)
+    assert main(["compare", *map(str, folders)]) == 0
+    assert f"warning: {words}" in capsys.readouterr().out
+
+
+def set_plane(summary: dict[str, Any]) -> None:
+    summary["predictions"][0]["plane"] = "rtn"
+
+
+def set_time(summary: dict[str, Any]) -> None:
+    summary["predictions"][0]["epoch_tdb"] = "2028-04-30T00:00:00.000 TDB"
+
+
+@pytest.mark.parametrize(("change", "words"), [(set_plane, "the planes differ"), (set_time, "the epochs differ")])
+def test_a_prediction_of_another_plane_or_epoch_is_not_compared(
+    pair: Callable[[Change], tuple[Path, Path]], change: Change, words: str
+) -> None:
+    found = compare(pair(change))
+    (row,) = found["predictions"]
+    assert not row["comparable"]
+    assert words in row["warning"]
+    assert row["warning"] in found["warnings"]
+
+
+def test_a_prediction_of_one_run_only_stands_alone(pair: Callable[[Change], tuple[Path, Path]]) -> None:
+    found = compare(pair(lambda summary: summary["predictions"].clear()))
+    (row,) = found["predictions"]
+    assert row["by_run"][1] is None
+    assert row["warning"] == "ten days later: only in minimal"
+
+
+def test_ellipses_of_plane_predictions_lie_over_each_other(pair: Callable[[Change], tuple[Path, Path]]) -> None:
+    def flat(summary: dict[str, Any]) -> None:
+        plane: dict[str, Any] = summary["predictions"][0] | {
+            "name": "flat",
+            "plane": "b_plane",
+            "body": "earth",
+            "mean_km": [10.0, 20.0],
+            "sigma_km": [3.0, 4.0],
+            "sigma_formal_km": [3.0, 4.0],
+            "semi_axes_km": [4.0, 3.0],
+            "angle_deg": 90.0,
+            "covariance_km2": [[9.0, 0.0], [0.0, 16.0]],
+        }
+        summary["predictions"].append(plane)
+
+    _, other = pair(flat)
+    again = other.with_name("again")
+    shutil.copytree(other, again)
+    found = compare([other, again])
+    (ellipse,) = found["ellipses"]
+    assert ellipse["name"] == "flat"
+    assert ellipse["by_run"][0] == ellipse["by_run"][1]
+    assert ellipse["by_run"][0]["mean"] == [10.0, 20.0]
+    assert ellipse["by_run"][0]["covariance"] == [[9.0, 0.0], [0.0, 16.0]]
+
+
+def test_wrong_folders_are_exit_2_and_say_what_to_do(
+    minimal_folder: Path,
+    tmp_path: Path,
+    pair: Callable[[Change], tuple[Path, Path]],
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["compare", str(minimal_folder)]) == 2
+    assert "needs 2 to 20" in capsys.readouterr().err
+    assert main(["compare", str(minimal_folder), str(tmp_path)]) == 2
+    assert "not a run folder" in capsys.readouterr().err
+    assert main(["compare", str(minimal_folder), str(minimal_folder)]) == 2
+    assert "named twice" in capsys.readouterr().err
+    first, other = pair(lambda summary: summary.update(schema_version=2))
+    with pytest.raises(InputError, match="schema_version 2"):
+        compare([first, other])
+    (other / "summary.json").write_text("{", "utf-8")
+    with pytest.raises(InputError, match="cannot be read"):
+        compare([first, other])
+    (other / "summary.json").write_text('{"schema_version": 1}', "utf-8")
+    with pytest.raises(InputError, match="lacks"):
+        compare([first, other])
+
+
+def test_json_alone_on_stdout(pair: Callable[[Change], tuple[Path, Path]], capsys: pytest.CaptureFixture[str]) -> None:
+    folders = pair(set_object)
+    assert main(["compare", *map(str, folders), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == compare(folders)
