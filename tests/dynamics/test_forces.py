@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from nebosvod.dynamics import Ephemeris, forces, nongrav, radiation, relativity
 from nebosvod.dynamics.constants import AU_D2_KM_S2, AU_KM, RADIATION_KM3_S2_PER_M2_KG, SPEED_OF_LIGHT_KM_S
@@ -182,6 +184,34 @@ def test_jacobian_is_the_derivative_of_its_force(scene: Scene, name: str, of_vel
     size = np.abs(wanted).max()
     assert np.abs(jacobian - wanted).max() <= 1e-12 * size
     assert size > 0.0 or (of_velocity and name in ("point masses", "zonal harmonics", "radiation pressure"))
+
+
+@settings(max_examples=10, deadline=None)
+@given(turn=st.lists(st.floats(-1.0, 1.0), min_size=4, max_size=4).filter(lambda q: sum(a * a for a in q) > 0.1))
+@pytest.mark.parametrize("name", PAIRS)
+def test_turned_scene_has_turned_forces(scene: Scene, name: str, turn: list[float]) -> None:
+    """1e-10 relative, for any rotation of bodies, poles, positions and velocities together."""
+    R = rotation(np.array(turn) / np.linalg.norm(turn))
+
+    def turned(rows: Array) -> Array:
+        return np.einsum("ij,...jl->...il", R, rows.reshape(*rows.shape[:-1], 3, 8)).reshape(rows.shape)
+
+    other = Scene(
+        X=turned(scene.X), V=turned(scene.V), P=turned(scene.P), W=turned(scene.W), WA=turned(scene.WA),
+        U=scene.U, gm=scene.gm, pole=R @ scene.pole, zonal=scene.zonal,
+    )  # fmt: skip
+    wanted = turned(PAIRS[name].force(scene, scene.X, scene.V))
+    found = PAIRS[name].force(other, other.X, other.V)
+    # positions of 1.5e8 km are rounded to 3e-8 km, the nearest body is 1e4 km away
+    assert np.abs(found - wanted).max() < 1e-10 * np.abs(wanted).max()
+
+
+def rotation(q: Array) -> Array:
+    """Matrix of a unit quaternion (w, x, y, z)."""
+    w, v = q[0], q[1:]
+    cross = np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+    R: Array = (w * w - v @ v) * np.eye(3) + 2.0 * np.outer(v, v) + 2.0 * w * cross
+    return R
 
 
 def test_parameter_columns_are_the_derivatives_of_the_force(scene: Scene) -> None:

@@ -7,6 +7,7 @@ import pytest
 
 from nebosvod.dynamics import Ephemeris, ForceModel, Nongrav, RadiationPressure
 from nebosvod.errors import InputError
+from nebosvod.timescale import Epoch
 
 BALL = RadiationPressure(radius_m=170.0, mass_kg=6.1e10, albedo=0.159)
 
@@ -19,6 +20,9 @@ BALL = RadiationPressure(radius_m=170.0, mass_kg=6.1e10, albedo=0.159)
         ({"parameters": ("a2_au_d2",)}, "a2_au_d2 needs non-gravitational acceleration, which is off"),
         ({"parameters": ("mass_kg", "mass_kg"), "radiation": BALL}, "repeat"),
         ({"relativity": "general"}, "none, sun, eih"),
+        ({"earth_pole": "b1950"}, "allowed: date, j2000"),
+        ({"earth_harmonics": 5}, "allowed: 2, 3, 4"),
+        ({"excluded": ("apophis",)}, 'excluded "apophis" is unknown; known: camilla'),
     ],
 )
 def test_wrong_models_are_refused(ephemeris: Ephemeris, options: dict[str, Any], message: str) -> None:
@@ -46,6 +50,30 @@ def test_impossible_spheres_are_refused(values: dict[str, float]) -> None:
 def test_nongrav_must_be_finite() -> None:
     with pytest.raises(InputError, match="a2_au_d2"):
         Nongrav(a2_au_d2=float("nan"))
+
+
+@pytest.mark.parametrize(("name", "value"), [("alpha", 0.0), ("r0_au", -1.0), ("m", float("inf")), ("k", float("nan"))])
+def test_law_of_marsden_must_make_sense(name: str, value: float) -> None:
+    with pytest.raises(InputError, match=name):
+        Nongrav(**{name: value})
+
+
+def test_harmonics_end_at_the_degree_asked_for(ephemeris: Ephemeris) -> None:
+    epoch = Epoch.parse("2029-04-13T00:00:00 TDB")
+    kept = [ForceModel(ephemeris=ephemeris, earth_harmonics=d).physics(epoch).earth_zonal for d in (2, 3, 4)]
+    assert [np.count_nonzero(zonal) for zonal in kept] == [2, 3, 4]
+    assert kept[2][1:].tolist() == [ephemeris.scalars[f"earth_j{d}"] for d in (2, 3, 4)]
+
+
+def test_excluded_asteroid_leaves_window_and_masses_in_step(ephemeris: Ephemeris) -> None:
+    """Each row of the window is the body whose mass stands at its place."""
+    epoch = Epoch.parse("2029-04-13T00:00:00 TDB")
+    model, full = ForceModel(ephemeris=ephemeris, excluded=("ceres", "vesta")), ForceModel(ephemeris=ephemeris)
+    window, whole = model.window(epoch, 0.0, 1e6), full.window(epoch, 0.0, 1e6)
+    assert len(window.layout) == len(window.timing) == len(model.physics(epoch).gm) == len(model.bodies) == 25
+    for row, body in enumerate(model.bodies):
+        assert model.physics(epoch).gm[row] == ephemeris.gm_km3_s2[body]
+        assert (window.layout[row] == whole.layout[full.bodies.index(body)]).all()
 
 
 def test_kappa_of_apophis() -> None:
@@ -90,11 +118,14 @@ def test_values_move_and_the_original_stays(ephemeris: Ephemeris) -> None:
         nongrav=Nongrav(a2_au_d2=-3e-14),
         relativity="eih",
         sun_oblateness=False,
+        earth_pole="j2000",
+        earth_shadow=False,
         parameters=("radius_m", "a2_au_d2"),
     )
     moved = model.with_values({"radius_m": 171.0, "a2_au_d2": -2e-14})
     assert moved.values.tolist() == [171.0, -2e-14]
     assert model.values.tolist() == [170.0, -3e-14]
     assert (moved.relativity, moved.sun_oblateness, moved.parameters) == ("eih", False, model.parameters)
+    assert (moved.earth_pole, moved.earth_shadow) == ("j2000", False)
     with pytest.raises(InputError, match="unknown dynamic parameter"):
         model.with_values({"radius": 1.0})

@@ -284,7 +284,7 @@ def falling(ephemeris: Ephemeris, epoch: Epoch, aim_km: float) -> Array:
 
 def test_impact_ends_the_arc_with_body_and_time(ephemeris: Ephemeris) -> None:
     epoch = Epoch.parse("2030-05-01T00:00:00 TDB")
-    with pytest.raises(EventError, match=r"earth.*2030-05-1\d"):
+    with pytest.raises(EventError, match=r"hits earth at about 2030-05-1\dT.*: \d{4} km from its centre"):
         propagate(falling(ephemeris, epoch, 0.0), epoch, [30 * DAY_S], ForceModel(ephemeris=ephemeris), False)
 
 
@@ -325,3 +325,25 @@ def test_apophis_follows_jpl_to_the_eve_of_its_encounter(
     forces = ForceModel(ephemeris=ephemeris, nongrav=apophis_nongrav)
     ours = propagate(wanted[0], epoch, times, forces, False)
     assert np.linalg.norm(ours.state[:, :3] - wanted[:, :3], axis=1).max() < 1.0
+
+
+@pytest.mark.parametrize("body", ["pallas", "ceres"])
+@pytest.mark.parametrize("aside_km", [0.0, 200.0])
+def test_asteroid_that_is_its_own_perturber_does_not_attract_itself(
+    ephemeris: Ephemeris, body: str, aside_km: float
+) -> None:
+    """2 km a year along the published orbit (perturbers beyond the 16 are missing); 200 km aside stays aside."""
+    epoch, t = Epoch.parse("2025-03-01T00:00:00 TDB"), [0.0, 365.0 * 86400.0]
+    wanted = ephemeris.state_km_km_s(body, epoch, t) - ephemeris.state_km_km_s("sun", epoch, t)
+    start = wanted[0] + np.array([aside_km, 0.0, 0.0, 0.0, 0.0, 0.0])
+    forces = ForceModel(ephemeris=ephemeris, parameters=())
+    found = propagate(start, epoch, t[1:], forces)
+    assert found.forces.excluded == (body,)
+    assert forces.excluded == ()
+    moved = found.Phi[0] @ (start - wanted[0])
+    assert np.linalg.norm((found.state[0] - wanted[1] - moved)[:3]) < 2.0
+
+
+def test_asteroid_far_from_every_perturber_excludes_none(full_forces: ForceModel, neo: Neo) -> None:
+    epoch, start = neo
+    assert propagate(start, epoch, [86400.0], full_forces, False).forces is full_forces
