@@ -33,7 +33,9 @@ def test_importing_the_command_line_loads_click_and_errors_only() -> None:
     assert not {name for name in loaded if name.split(".")[0] in (*HEAVY, "numpy", "pydantic", "yaml", "erfa")}
 
 
-@pytest.mark.parametrize("command", ["['check', 'apophis-2029']", "['missions']", "['schema']", "['--help']"])
+@pytest.mark.parametrize(
+    "command", ["['check', 'apophis-2029']", "['missions']", "['schema']", "['--help']", "['validate', '--help']"]
+)
 def test_light_commands_do_not_load_heavy_modules(command: str) -> None:
     loaded = modules_after(f"from nebosvod.cli import main\nassert main({command}) == 0")
     assert not {name for name in loaded if name.split(".")[0] in HEAVY}
@@ -45,7 +47,7 @@ def test_version_and_help(capsys: pytest.CaptureFixture[str]) -> None:
     assert __version__ in capsys.readouterr().out
     assert main(["--help"]) == 0
     text = capsys.readouterr().out
-    for command in ("run", "check", "init", "missions", "report", "schema"):
+    for command in ("run", "check", "init", "missions", "report", "schema", "validate", "plan", "compare"):
         assert command in text
     assert "Exit codes" in text
 
@@ -58,6 +60,11 @@ def test_version_and_help(capsys: pytest.CaptureFixture[str]) -> None:
         ["run", "minimal", "--fast"],
         ["run", "minimal", "--seed", "-1"],
         ["run", "minimal", "--seed", "x"],
+        ["validate"],
+        ["validate", "minimal", "--workers", "0"],
+        ["validate", "minimal", "--runs", "many"],
+        ["plan", "minimal"],
+        ["plan", "minimal", "-p", "x", "--criterion", "e"],
     ],
 )
 def test_wrong_arguments_are_exit_2_with_usage(argv: list[str], capsys: pytest.CaptureFixture[str]) -> None:

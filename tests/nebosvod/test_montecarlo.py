@@ -12,7 +12,7 @@ from nebosvod.assembly import View, computed_psi, linear_problem
 from nebosvod.estimation import batch
 from nebosvod.fitting import fit
 from nebosvod.mission import Mission, load_mission_text
-from nebosvod.montecarlo import consistency, measured_truth, repeat
+from nebosvod.montecarlo import Estimating, consistency, generator, measured_truth, repeat
 from nebosvod.observation import residual
 from nebosvod.prior import STATE_NAMES, PriorTable
 from nebosvod.scene import Scene
@@ -138,3 +138,21 @@ def test_run_i_does_not_depend_on_how_many_runs_there_are(minimal_setting: Setti
     scene, priors, nominal = minimal_setting
     few, many = (repeat(scene, scene.mission.estimators[0], nominal, priors, n, 1).errors for n in (3, 7))
     assert np.array_equal(few, many[:3])
+
+
+@pytest.mark.parametrize("method", ["batch_qr", "batch_blocks", "batch_identity", "recursive"])
+@pytest.mark.parametrize("treatment", ["estimated", "considered", "ignored"])
+def test_one_factorisation_gives_what_each_method_gives_from_the_measurements_on(
+    minimal: Mission, make_setting: Callable[[Mission], Setting], method: str, treatment: str
+) -> None:
+    """To 1e-9 sigma, for ten drawn truths."""
+    text = f"\nestimators:\n  - {{name: one, method: {method}, treatment: {{bias: {treatment}, albedo: considered}}}}\n"
+    scene, priors, nominal = make_setting(load_mission_text(minimal.text + text))
+    estimating = Estimating.of(scene, scene.mission.estimators[0], nominal, priors)
+    computed = computed_psi(nominal)
+    residuals = np.array(
+        [residual(measured_truth(scene, nominal, priors, generator(SEED, i))[0], computed) for i in range(10)]
+    )
+    sigma = np.linalg.norm(estimating.reference.S_formal, axis=1)
+    for one, mean in zip(residuals, estimating.means(residuals)):
+        assert np.abs((estimating.solved_anew(one) - mean) / sigma).max() < 1e-9
