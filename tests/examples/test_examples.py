@@ -88,3 +88,24 @@ def test_the_combined_algorithm_agrees_with_the_dense_reference():
         assert np.all((ratio > 0.85) & (ratio < 1.15))
         errors.append((found.combined.mean[:2] - found.truth[:2]) / sigma)
     assert np.sqrt(np.mean(np.square(errors))) < 2.0
+
+
+def test_a_short_arc_is_condensed_as_a_dense_grid_has_it_and_honestly():
+    example = load("short_arc")
+    truth, observed = example.observe(np.random.default_rng(1))
+    found = example.solve(np.random.default_rng(1))
+    np.testing.assert_array_equal(found.truth, truth)
+    sigma = np.diag(example.PRIOR.factor)[:2]
+    axis = np.linspace(-4.5, 4.5, 161)
+    nodes = example.PRIOR.mean[:2] + np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2) * sigma
+    dense = example.block_of(nodes, observed).moments()
+    unit = np.sqrt(np.diag(dense.covariance))
+    assert np.max(np.abs(found.grid.mean - dense.mean) / unit) < 0.01
+    assert np.max(np.abs(found.grid.covariance - dense.covariance) / np.outer(unit, unit)) < 0.02
+    # the equivalent measurement carries the filter there, a direction that taught nothing apart
+    assert np.max(np.abs(found.filtered.mean - found.grid.mean) / unit) < 0.02
+    assert abs(dense.covariance[0, 1]) > 0.9 * unit[0] * unit[1]  # a ridge: range and rate are felt together
+    arcs = [example.solve(np.random.default_rng(seed)) for seed in range(20)]
+    nees = [np.sum(np.linalg.solve(arc.grid.factor, arc.grid.mean - arc.truth) ** 2) for arc in arcs]
+    low, high = 0.64, 1.45  # 99 % of chi-square with 80 degrees of freedom, over 80
+    assert low < np.mean(nees) / 4.0 < high
