@@ -20,8 +20,12 @@ def describe(mission: Mission) -> str:
     for telescope in mission.telescopes:
         ra, dec = (sigma * ARCSEC for sigma in telescope.noise.sigma_rad)
         noise = f"{ra:.3g} arcsec" if ra == dec else f"{ra:.3g} x {dec:.3g} arcsec"
-        lines.append(f"telescope        {telescope.name}: {telescope.orbit.kind}, noise {noise}")
-    lines += [_source(source) for source in mission.sources]
+        own = (s for s in mission.sources if s.path[0] == "telescopes" and s.telescopes == (telescope.name,))
+        errors = "".join(f", {source.group} {_source(source)}" for source in own)
+        lines.append(f"telescope        {telescope.name}: {telescope.orbit.kind}, noise {noise}{errors}")
+    for source in mission.sources:
+        if source.path[0] != "telescopes":
+            lines.append(f"shared           {source.name}: {_source(source)}; {', '.join(source.telescopes)}")
     for arc in mission.schedule:
         who = "all telescopes" if arc.telescopes == "all" else ", ".join(arc.telescopes)
         lines.append(f"schedule         {who}: {arc.start} to {arc.end}, {arc.count} epochs")
@@ -37,11 +41,10 @@ def describe(mission: Mission) -> str:
 
 def _source(source: Source) -> str:
     """One source of uncertainty in words: how large, how correlated, its treatment."""
-    error, kind = source.error, str(getattr(source.error, "correlation", "constant")).replace("_", "-")
-    said = [f"{size}, " for size in _sizes(error)[:1]] or ["no prior, "]
-    more = "".join(f", {size}" for size in _sizes(error)[1:])
-    whom = f" on {', '.join(source.telescopes)}" if source.path[0] == "shared" else ""
-    return f"uncertain        {source.name}: {said[0]}{kind}{more}{whom} ({error.treatment})"
+    kind = str(getattr(source.error, "correlation", "constant")).replace("_", "-")
+    first, *more = _sizes(source.error) or ["no prior"]
+    how = "" if kind == "constant" and source.group != "position" else f" {kind}"
+    return f"{first}{how}{''.join(f', {size}' for size in more)} ({source.error.treatment})"
 
 
 def _sizes(error: Bias | Position | Timing | Photocentre) -> list[str]:
