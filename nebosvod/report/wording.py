@@ -36,6 +36,7 @@ PLANES: dict[str, tuple[str, tuple[str, ...]]] = {
     "rtn_velocity": ("velocity (radial, transverse, normal)", ("radial", "transverse", "normal")),
     "position": ("heliocentric position (ICRF)", ("x", "y", "z")),
     "perigee_distance": ("closest-approach distance", ("distance",)),
+    "entry": ("entry point", ("downrange", "crossrange")),
 }
 PARAMETERS = {
     "radius_m": ("radius", "m"),
@@ -198,7 +199,14 @@ def parameter_name(key: str) -> tuple[str, str]:
     """Name and unit of an estimated parameter from its key."""
     if key in PARAMETERS:
         return PARAMETERS[key]
-    for tail, unit in (("_arcsec", "arcsec"), ("_rad", "rad"), ("_km_s", "km/s"), ("_km", "km"), ("_s", "s")):
+    for tail, unit in (
+        ("_arcsec", "arcsec"),
+        ("_arcsec_d", "arcsec/d"),
+        ("_rad", "rad"),
+        ("_km_s", "km/s"),
+        ("_km", "km"),
+        ("_s", "s"),
+    ):
         if key.endswith(tail):
             return key.removesuffix(tail).replace("_", " "), unit
     return key, ""
