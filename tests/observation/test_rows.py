@@ -18,6 +18,7 @@ from nebosvod.observation import (
     merge,
     observe,
     rows,
+    sight,
 )
 
 T_S = np.linspace(0.5, 60.0, 40) * 86400.0
@@ -176,3 +177,15 @@ def test_one_state_that_is_no_number_keeps_all_light_times_from_settling():
     heliocentric[0] = np.nan
     buffers = [np.empty(shape) for shape in (3, (3, 6), (3, 3), 3, 3, (3, 2))]
     assert np.isnan(rows.lines_of_sight(np.zeros(3), heliocentric, np.zeros((3, 6)), np.zeros((3, 6)), *buffers))
+
+
+def test_the_first_light_time_is_confirmed_by_one_evaluation(flight, telescope, ephemeris):
+    """The Sun's pull in the first step is worth it: without, every epoch is evaluated once more."""
+    calls = []
+
+    def emitted(t_s):
+        calls.append(t_s.size)
+        return flight.state_at(t_s)
+
+    sight(flight, telescope.spacecraft, T_S, ephemeris, emitted)
+    assert calls == [T_S.size]
