@@ -209,14 +209,21 @@ class Setting:
         return cls(scene=scene, priors=priors, nominal=nominal, estimating=found)
 
     def passes(self) -> list[Innovations | None]:
-        """The sequential pass of each estimator, where there is one; estimators that treat all alike share one."""
+        """The sequential pass of each estimator, where there is one; estimators that treat all alike share one.
+
+        An estimator with a gain of its own has other innovations than these: none are judged for it.
+        """
         made: dict[tuple[str, ...], Innovations | None] = {}
+        found: list[Innovations | None] = []
         for one in self.estimating:
-            if one.reference.solution is None or one.base.n > NIS_ROWS:
-                made[_treatments(one)] = None
-            elif _treatments(one) not in made:
-                made[_treatments(one)] = Innovations.of(one.base)
-        return [made[_treatments(one)] for one in self.estimating]
+            key = _treatments(one)
+            if one.repeated is None or one.base.n > NIS_ROWS:
+                found.append(None)
+                continue
+            if key not in made:
+                made[key] = Innovations.of(one.base)
+            found.append(made[key])
+        return found
 
 
 def _treatments(one: Estimating) -> tuple[str, ...]:

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,11 +16,14 @@ import jsonschema
 import pytest
 
 import nebosvod
-from nebosvod.campaign import CHUNK_RUNS, Campaign, CampaignFolder, chunk_path
+from nebosvod.campaign import CHUNK_RUNS, Campaign, CampaignFolder, Setting, chunk_path, compute_chunk
 from nebosvod.cli import main
 from nebosvod.errors import InputError, OutputError
+from nebosvod.estimation import sequential
+from nebosvod.fitting import SOLVERS
 from nebosvod.mission import Mission, load_mission, load_mission_text
-from nebosvod.validate import validate
+from nebosvod.mission.builtin import builtin_names
+from nebosvod.validate import summary, validate
 
 SCHEMA = json.loads((Path(nebosvod.__file__).parent / "validation.schema.json").read_text("utf-8"))
 SEED = 20290413
@@ -226,8 +230,37 @@ def test_a_campaign_is_bound_to_what_fixes_its_runs(minimal: Mission, minimal_te
     assert Campaign.of(minimal, 1, False, 1_000_000).chunk_runs == 2
 
 
+PRIOR = "prior: {sigma: {position: 1000 km, velocity: 1 m/s}}\n"
+
+
+def judged_here(mission: Mission, runs: int) -> dict[str, Any]:
+    """A campaign inside this process, for estimators that no mission file can name."""
+    setting = Setting.of(mission)
+    campaign = Campaign.of(mission, SEED, False, setting.nominal.observation.t_s.size)
+    chunk = compute_chunk(setting, setting.passes(), campaign, range(runs))
+    return summary(setting, campaign, runs, chunk)
+
+
+def test_the_filter_as_printed_is_caught_by_its_own_claim(minimal_text: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It counts a common bias and a common radius as fresh noise at each measurement and believes itself too good."""
+    printed = partial(sequential.solve, gain="as_printed")
+    monkeypatch.setattr("nebosvod.montecarlo.SOLVERS", {**SOLVERS, "as_printed": printed})
+    text = minimal_text.replace("sigma: 0.05 arcsec", "sigma: 0.5 arcsec")
+    mission = load_mission_text(text.replace("predictions:", PRIOR + "predictions:"))
+    wrong = mission.estimators[0].model_copy(update={"name": "printed", "method": "as_printed"})
+    found = judged_here(mission.model_copy(update={"estimators": (wrong, mission.estimators[0])}), 400)
+    assert not found["passed"]
+    caught, honest = found["estimators"]
+    assert caught["claims_formal"]
+    assert not caught["judged"]["formal"]["consistent"]
+    assert "optimistic" in caught["judged"]["formal"]["verdict"]
+    assert caught["judged"]["true"]["consistent"]
+    assert caught["judged"]["true"]["nis"] == []
+    assert honest["passed"]
+
+
 @pytest.mark.long
-@pytest.mark.parametrize("name", ["minimal", "apophis-2029", "apophis-heliocentric"])
+@pytest.mark.parametrize("name", builtin_names())
 def test_built_in_missions_at_2000_runs(name: str, tmp_path: Path) -> None:
     """Every estimator of every built-in mission inside its intervals at a family level of 99 %."""
     found = validate(load_mission(name), tmp_path / name, runs=2000, seed=SEED, workers=len(os.sched_getaffinity(0)))
