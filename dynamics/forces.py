@@ -127,7 +127,7 @@ def earth_pole(of_date: bool, centuries: float, pole: Array) -> None:
     """Celestial intermediate pole (3,) in ICRF, or the pole of J2000 = (0, 0, 1) when not `of_date`.
 
     Precession X, Y of IAU 2006 (Capitaine et al. 2003, eq. 49) and the four largest terms of nutation (IAU 1980,
-    Seidelmann 1982: 18.6 and 9.3 years, half a year, half a month; what is left is below 0.5 arcsec). `centuries` are
+    Seidelmann 1982: 18.6 and 9.3 years, half a year, half a month; what is left is below 0.25 arcsec). `centuries` are
     Julian centuries of TDB after J2000.
     """
     if not of_date:
