@@ -69,6 +69,14 @@ def test_the_result_follows_its_schema(campaign_of_four: Path) -> None:
     jsonschema.Draft202012Validator(SCHEMA).validate(read(campaign_of_four))
 
 
+def test_the_page_of_the_command_names_every_key(campaign_of_four: Path) -> None:
+    page = (Path(__file__).resolve().parents[2] / "docs" / "validation-command.md").read_text("utf-8")
+    found = read(campaign_of_four)
+    judged = found["estimators"][0]["judged"]["true"]
+    keys = {*found, *found["estimators"][0], *judged, *judged["nees_quantiles"], *judged["directions"][0]}
+    assert sorted(key for key in keys if f"`{key}" not in page and f"{key}`" not in page) == []
+
+
 def test_honest_estimators_pass_and_what_is_left_out_shows_in_k_formal_only(campaign_of_four: Path) -> None:
     found = read(campaign_of_four)
     assert found["passed"]
