@@ -7,6 +7,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from nebosvod.dynamics.clones import Clones, propagate_many
     from nebosvod.dynamics.encounter import Encounter, TargetPlane, find_encounters, perigee_distance, target_plane
     from nebosvod.dynamics.ephemeris import Ephemeris
     from nebosvod.dynamics.model import ForceModel
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from nebosvod.dynamics.trajectory import Trajectory
 
 __all__ = [
+    "Clones",
     "Encounter",
     "Ephemeris",
     "ForceModel",
@@ -26,10 +28,12 @@ __all__ = [
     "find_encounters",
     "perigee_distance",
     "propagate",
+    "propagate_many",
     "target_plane",
 ]
 
 _HOME = {
+    "Clones": "clones",
     "Encounter": "encounter",
     "Ephemeris": "ephemeris",
     "ForceModel": "model",
@@ -40,6 +44,7 @@ _HOME = {
     "find_encounters": "encounter",
     "perigee_distance": "encounter",
     "propagate": "propagator",
+    "propagate_many": "clones",
     "target_plane": "encounter",
 }
 

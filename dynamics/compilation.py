@@ -37,6 +37,14 @@ def kernel(function: Function) -> Function:
     return _compiled(function, fastmath=FASTMATH)
 
 
+def inlined_kernel(function: Function) -> Function:
+    """The same, put into its callers: for functions that take a `Work` or `Physics`.
+
+    A call with such a tuple copies and counts references of some thirty arrays, 0.1 to 0.35 us, as much as the work.
+    """
+    return _compiled(function, fastmath=FASTMATH, forceinline=True)
+
+
 def exact_kernel(function: Function) -> Function:
     """The same without any freedom of rounding: the result is bit for bit that of the plain expression."""
     return _compiled(function, fastmath=False)

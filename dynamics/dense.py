@@ -13,7 +13,9 @@ from nebosvod.dynamics.chebyshev import series_at, velocity_at
 from nebosvod.dynamics.collocation import TO_LEGENDRE_FLAT
 from nebosvod.dynamics.compilation import kernel
 from nebosvod.dynamics.ephemeris import Window
-from nebosvod.dynamics.integrator import Steps
+from nebosvod.dynamics.integrator import nodes_width, tabulate_nodes
+from nebosvod.dynamics.model import Physics
+from nebosvod.dynamics.workspace import NO_STEPS, Steps
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
@@ -21,12 +23,29 @@ Integers = npt.NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class StepTable:
-    """Steps in ascending time with their edges (k + 1,), the ephemeris window, and the number of variation columns."""
+    """Steps in ascending time with their edges (k + 1,), the ephemeris window, and the number of variation columns.
+
+    `legs` are the same steps as integrated, from t = 0 backward and forward; `nodes` the ephemeris at their nodes, once
+    another orbit has asked for it (see `guides`).
+    """
 
     edges: Array
     steps: Steps
     window: Window
     count: int
+    legs: tuple[Steps | None, Steps | None]
+    nodes: list[Array]
+
+    def guides(self, physics: Physics) -> tuple[tuple[Steps, Array], ...]:
+        """Steps and tables of nodes of both legs, for orbits that follow this one."""
+        w = self.window
+        if not self.nodes:
+            for leg in self.legs:
+                guide = leg or NO_STEPS
+                nodes = np.empty((len(guide.start), int(nodes_width(w.layout.shape[0]))))
+                tabulate_nodes(8, guide, physics, w.coefficients, w.layout, w.timing, nodes)
+                self.nodes.append(nodes)
+        return tuple((leg or NO_STEPS, nodes) for leg, nodes in zip(self.legs, self.nodes))
 
     def evaluate(self, t_s: Array, *, variations: bool) -> tuple[Array, Array]:
         """Heliocentric states (n, 6) and, if asked for, variations (n, 6, count) at times inside the edges."""
@@ -37,7 +56,9 @@ class StepTable:
         return state, partials
 
 
-def join(backward: Steps | None, forward: Steps | None, window: Window, count: int) -> StepTable:
+def join(
+    backward: Steps | None, forward: Steps | None, window: Window, count: int, nodes: list[Array] | None = None
+) -> StepTable:
     """Put the steps of a backward and a forward integration from t = 0 into one ascending table."""
     parts = []
     if backward is not None:
@@ -47,7 +68,14 @@ def join(backward: Steps | None, forward: Steps | None, window: Window, count: i
     merged = parts[0] if len(parts) == 1 else Steps(*(np.concatenate(fields) for fields in zip(*parts)))
     low = np.where(merged.length > 0.0, merged.start, merged.start + merged.length)
     last = merged.start[-1] + max(merged.length[-1], 0.0)
-    return StepTable(edges=np.append(low, last), steps=merged, window=window, count=count)
+    return StepTable(
+        edges=np.append(low, last),
+        steps=merged,
+        window=window,
+        count=count,
+        legs=(backward, forward),
+        nodes=[] if nodes is None else nodes,
+    )
 
 
 @kernel

@@ -53,7 +53,8 @@ class Window:
     Parameters
     ----------
     coefficients : flat, km; record by record, within a record order by order, within an order x, y, z.
-    layout : shape (bodies, 3) int64: offset of the first coefficient, orders of a record, number of records.
+    layout : shape (bodies, 3) int64: offset of the first coefficient, orders of a record (padded with zeros to a
+        multiple of four, which is how the kernels add them), number of records.
     timing : shape (bodies, 2): start of the first record in TDB seconds after the epoch, length of a record in s.
     start_s, end_s : the arc these records cover, seconds after the epoch.
     """
@@ -277,8 +278,9 @@ def _cut(series: tuple[Series, ...], epoch: Epoch, start_s: float, end_s: float)
         first = int(((start_s - pad_s) / DAY_S - first_day) // body.record_days)
         last = int(((end_s + pad_s) / DAY_S - first_day) // body.record_days) + 1
         first, last = max(first, 0), min(last, len(body.records))
-        pieces.append(body.coefficients(first, last).ravel())
-        layout.append((offset, body.order, last - first))
+        padded = np.pad(body.coefficients(first, last), ((0, 0), (0, -body.order % 4), (0, 0)))
+        pieces.append(padded.ravel())
+        layout.append((offset, padded.shape[1], last - first))
         exact_day = body.first_day + (J2000_JD - epoch.day) + first * body.record_days
         timing.append((exact_day * DAY_S - epoch.fraction * DAY_S, body.record_days * DAY_S))
         offset += pieces[-1].size

@@ -6,14 +6,13 @@ iteration. Perturbers do not depend on the state, so the ephemeris is read once 
 Legendre coefficient of the acceleration, relative to the acceleration.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 import numpy.typing as npt
 
 from nebosvod.dynamics.chebyshev import bodies_at, major_velocities_at, velocity_at
 from nebosvod.dynamics.collocation import A_FLAT, AA_FLAT, BARYCENTRIC, LAST_ROW, NODES, POSITION_WEIGHTS, WEIGHTS
-from nebosvod.dynamics.compilation import is_compiled, kernel
+from nebosvod.dynamics.compilation import inlined_kernel, is_compiled, kernel
+from nebosvod.dynamics.expansion import expand_bodies, expanded_field, largest_shift, sun_gradient, sun_tide
 from nebosvod.dynamics.forces import (
     earth_pole,
     expand,
@@ -34,11 +33,12 @@ from nebosvod.dynamics.relativity import (
     sun_relativity,
     sun_relativity_gradient,
 )
+from nebosvod.dynamics.workspace import Steps, Work, make_steps, make_work, resized
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
 
-OK, STALLED, TOO_MANY_STEPS = 0, 1, 2
+OK, STALLED, TOO_MANY_STEPS, OFF_GRID = 0, 1, 2, 3
 LARGEST_STEP_S = 200.0 * 86400.0
 SMALLEST_STEP_S = 1e-3
 MOST_STEPS = 2_000_000
@@ -46,86 +46,7 @@ EPSILON = 2.2e-16
 SUN, EARTH = 0, 3
 
 
-class Work(NamedTuple):
-    """Scratch arrays of one integration; rows of 8 lanes, flat (see compilation.py)."""
-
-    t: Array  # (8,) node times
-    P: Array  # (bodies, 24) positions of the bodies at the nodes
-    VS: Array  # (24,) velocity of the Sun
-    W: Array  # (11, 24) velocities of the major bodies (EIH only)
-    WA: Array  # (11, 24) their accelerations
-    U: Array  # (11, 8) the potentials they move in
-    Q: Array  # (32,) scratch of EIH
-    pole: Array  # (3,) Earth's pole of date
-    X: Array  # (24,) positions at the nodes
-    V: Array  # (24,)
-    A: Array  # (24,) accelerations
-    B: Array  # (24,) accelerations of the next sweep
-    tide: Array  # (8,) largest GM/r^3
-    before: Array  # (24,) accelerations of the last step
-    extrapolation: Array  # (64,) last nodes -> new nodes
-    S: Array  # (48,) symmetric part of dA/dX
-    G: Array  # (72,) dA/dX
-    K: Array  # (72,) dA/dV
-    F: Array  # (4 * 24,) dA/d(kappa, A1, A2, A3)
-    D: Array  # (columns * 24,) accelerations of the variations
-    E: Array  # the same of the next sweep
-    DX: Array  # their positions
-    DV: Array  # and velocities
-    D_before: Array  # accelerations of the variations of the last step
-
-
-class Steps(NamedTuple):
-    """All accepted steps: with the nodal accelerations they are the dense output."""
-
-    start: Array  # (n,) seconds after the epoch
-    length: Array  # (n,) signed
-    state: Array  # (n, 6) barycentric at the start
-    acceleration: Array  # (n, 24)
-    variation: Array  # (n, 6 * columns) position parts of all columns, then velocity parts
-    variation_acceleration: Array  # (n, 24 * columns)
-    tide: Array  # (n,) largest GM/r^3 met in the step, s^-2
-
-
-@kernel
-def make_work(bodies: int, columns: int) -> Work:
-    """Allocate the scratch arrays."""
-    wide = 24 * columns
-    return Work(
-        np.zeros(8), np.zeros((bodies, 24)), np.zeros(24), np.zeros((MAJOR, 24)), np.zeros((MAJOR, 24)),
-        np.zeros((MAJOR, 8)), np.zeros(32), np.zeros(3), np.zeros(24), np.zeros(24), np.zeros(24),
-        np.zeros(24), np.zeros(8), np.zeros(24), np.zeros(64), np.zeros(48), np.zeros(72), np.zeros(72),
-        np.zeros(96), np.zeros(wide), np.zeros(wide), np.zeros(wide), np.zeros(wide), np.zeros(wide),
-    )  # fmt: skip
-
-
-@kernel
-def make_steps(capacity: int, columns: int) -> Steps:
-    """Allocate room for `capacity` steps."""
-    return Steps(
-        np.empty(capacity), np.empty(capacity), np.empty((capacity, 6)), np.empty((capacity, 24)),
-        np.empty((capacity, 6 * columns)), np.empty((capacity, 24 * columns)), np.empty(capacity),
-    )  # fmt: skip
-
-
-@kernel
-def resized(old: Steps, count: int, capacity: int, columns: int) -> Steps:
-    """Copy the first `count` steps into room for `capacity`."""
-    new = make_steps(capacity, columns)
-    for k in range(count):  # loops, not slices: a slice assignment brings 4 s of compilation with it
-        new.start[k], new.length[k], new.tide[k] = old.start[k], old.length[k], old.tide[k]
-        for i in range(6):
-            new.state[k, i] = old.state[k, i]
-        for i in range(24):
-            new.acceleration[k, i] = old.acceleration[k, i]
-        for i in range(6 * columns):
-            new.variation[k, i] = old.variation[k, i]
-        for i in range(24 * columns):
-            new.variation_acceleration[k, i] = old.variation_acceleration[k, i]
-    return new
-
-
-@kernel
+@inlined_kernel
 def acceleration(n: int, w: Work, p: Physics, A: Array) -> None:
     """Sum of all forces at w.X, w.V; the bodies are in w.P."""
     for i in range(24):
@@ -135,6 +56,12 @@ def acceleration(n: int, w: Work, p: Physics, A: Array) -> None:
     point_masses(n, w.X, w.P, p.gm, A, w.tide)
     if p.earth_range > 0.0 and near(p.earth_range, n, w.X, w.P, EARTH):
         zonal_harmonics(n, w.X, w.P, EARTH, p.gm[EARTH], p.earth_zonal, w.pole, A)
+    add_small_forces(n, w, p, p.radiation_strength, A)
+
+
+@inlined_kernel
+def add_small_forces(n: int, w: Work, p: Physics, sunlight: float, A: Array) -> None:
+    """Add what is neither a point mass nor the figure of the Earth: evaluated in every sweep, at w.X, w.V."""
     if p.sun_oblate:
         zonal_harmonics(n, w.X, w.P, SUN, p.gm[SUN], p.sun_zonal, p.sun_pole, A)
     if p.relativity == 1:
@@ -142,34 +69,67 @@ def acceleration(n: int, w: Work, p: Physics, A: Array) -> None:
     elif p.relativity == 2:
         eih(n, w.X, w.V, w.P, w.W, w.WA, w.U, p.gm, p.c2, w.Q, A)
     if p.radiation_on:
-        radiation(n, w.X, w.P, p.radiation_strength, A)
+        radiation(n, w.X, w.P, sunlight, A)
         if p.shadow_range > 0.0 and near(p.shadow_range, n, w.X, w.P, EARTH):
-            shade(n, w.X, w.P, p.radiation_strength, A)
+            shade(n, w.X, w.P, sunlight, A)
     if p.nongrav_on:
         nongrav(n, w.X, w.V, w.P, w.VS, p.nongrav_strength, p.nongrav_law, A)
 
 
-@kernel
+@inlined_kernel
+def expand_here(n: int, w: Work, p: Physics) -> None:
+    """Expand the field of the bodies but the Sun, and of the Earth's figure, about w.X; w.tide of all bodies."""
+    for i in range(24):
+        w.X0[i] = w.X[i]
+    expand_bodies(n, w.X, w.P, p.gm, w.R0, w.S0, w.tide, w.bend)
+    sun_tide(n, w.X, w.P, p.gm[SUN], w.tide)
+    if p.earth_range > 0.0 and near(p.earth_range, n, w.X, w.P, EARTH):
+        zonal_harmonics(n, w.X, w.P, EARTH, p.gm[EARTH], p.earth_zonal, w.pole, w.R0)
+        zonal_harmonics_gradient(n, w.X, w.P, EARTH, p.gm[EARTH], p.earth_zonal, w.pole, w.S0)
+
+
+@inlined_kernel
 def jacobian(n: int, w: Work, p: Physics) -> None:
     """dA/dX, dA/dV and dA/d(parameters) at w.X, w.V, into w.G, w.K, w.F."""
     for i in range(48):
         w.S[i] = 0.0
-    for i in range(72):
-        w.K[i] = 0.0
     point_masses_gradient(n, w.X, w.P, p.gm, w.S)
     if p.earth_range > 0.0 and near(p.earth_range, n, w.X, w.P, EARTH):
         zonal_harmonics_gradient(n, w.X, w.P, EARTH, p.gm[EARTH], p.earth_zonal, w.pole, w.S)
+    add_small_gradients(n, w, p, p.radiation_strength)
+
+
+@inlined_kernel
+def expanded_jacobian(n: int, w: Work, p: Physics, sunlight: float) -> None:
+    """The same after `solve_state`: the bodies but the Sun from the gradient that the expansion has summed.
+
+    Its own change over the shift from X0, 15 GM/r^4 |X - X0|, must vanish beside the Sun's gradient; else it is
+    expanded anew.
+    """
+    if 15.0 * largest(w.bend) * largest_shift(n, w.X, w.X0) > 1e-13 * largest(w.tide):
+        expand_here(n, w, p)
+    for i in range(48):
+        w.S[i] = w.S0[i]
+    sun_gradient(n, w.X, w.P, p.gm[SUN], w.S)
+    add_small_gradients(n, w, p, sunlight)
+
+
+@inlined_kernel
+def add_small_gradients(n: int, w: Work, p: Physics, sunlight: float) -> None:
+    """Add the gradients of `add_small_forces` to those of the point masses in w.S."""
+    for i in range(72):
+        w.K[i] = 0.0
     if p.sun_oblate:
         zonal_harmonics_gradient(n, w.X, w.P, SUN, p.gm[SUN], p.sun_zonal, p.sun_pole, w.S)
     if p.radiation_on:
-        radiation_gradient(n, w.X, w.P, p.radiation_strength, p.radiation_unit, w.S, w.F[:24])
+        radiation_gradient(n, w.X, w.P, sunlight, p.radiation_unit, w.S, w.F[:24])
     expand(n, w.S, w.G)
     if p.relativity == 1:
         sun_relativity_gradient(n, w.X, w.V, w.P, w.VS, p.gm[SUN], p.c2, w.G, w.K)
     elif p.relativity == 2:
         eih_gradient(n, w.X, w.V, w.P, w.W, w.WA, w.U, p.gm, p.c2, w.Q, w.G, w.K)
     if p.radiation_on and p.shadow_range > 0.0 and near(p.shadow_range, n, w.X, w.P, EARTH):
-        shade_gradient(n, w.X, w.P, p.radiation_strength, p.radiation_unit, w.G, w.F[:24])
+        shade_gradient(n, w.X, w.P, sunlight, p.radiation_unit, w.G, w.F[:24])
     if p.nongrav_on:
         nongrav_gradient(n, w.X, w.V, w.P, w.VS, p.nongrav_strength, p.nongrav_law, p.nongrav_unit, w.G, w.K, w.F[24:])
 
@@ -181,6 +141,15 @@ def largest(values: Array) -> float:
     for l in range(1, 8):
         most = max(most, values[l])
     return float(most)
+
+
+@kernel
+def size_of(A: Array) -> float:
+    """Largest component."""
+    size = 0.0
+    for i in range(24):
+        size = max(size, abs(A[i]))
+    return size
 
 
 @kernel
@@ -208,7 +177,7 @@ def extrapolation(ratio: float, E: Array) -> None:
             E[8 * j + i] = product * BARYCENTRIC[j] / (x - NODES[j])
 
 
-@kernel
+@inlined_kernel
 def read_ephemeris(
     n: int, t: float, h: float, w: Work, p: Physics, coefficients: Array, layout: Integers, timing: Array
 ) -> None:
@@ -224,7 +193,80 @@ def read_ephemeris(
 
 
 @kernel
-def solve_state(n: int, w: Work, p: Physics, x: Array, v: Array, h: float, first: bool) -> tuple[bool, float, float]:
+def nodes_width(bodies: int) -> int:
+    """Numbers of one row of a table of nodes."""
+    return 24 * bodies + 27 + MAJOR * 56
+
+
+@inlined_kernel
+def keep_nodes(w: Work, row: Array) -> None:
+    """Write what `read_ephemeris` has found into a row of a table of nodes."""
+    bodies, k = w.P.shape[0], 0
+    for b in range(bodies):
+        for i in range(24):
+            row[k + i] = w.P[b, i]
+        k += 24
+    for i in range(24):
+        row[k + i] = w.VS[i]
+    for i in range(3):
+        row[k + 24 + i] = w.pole[i]
+    k += 27
+    for j in range(MAJOR):
+        for i in range(24):
+            row[k + i], row[k + 24 + i] = w.W[j, i], w.WA[j, i]
+        for i in range(8):
+            row[k + 48 + i] = w.U[j, i]
+        k += 56
+
+
+@inlined_kernel
+def recall_nodes(w: Work, row: Array, velocities: bool) -> None:
+    """The other way round; the velocities and fields of the major bodies only if they are needed (EIH)."""
+    bodies, k = w.P.shape[0], np.uint64(0)
+    for b in range(bodies):
+        for i in range(24):
+            w.P[b, i] = row[k + np.uint64(i)]
+        k += np.uint64(24)
+    for i in range(24):
+        w.VS[i] = row[k + np.uint64(i)]
+    for i in range(3):
+        w.pole[i] = row[k + np.uint64(24 + i)]
+    k += np.uint64(27)
+    if velocities:
+        for j in range(MAJOR):
+            for i in range(24):
+                w.W[j, i], w.WA[j, i] = row[k + np.uint64(i)], row[k + np.uint64(24 + i)]
+            for i in range(8):
+                w.U[j, i] = row[k + np.uint64(48 + i)]
+            k += np.uint64(56)
+
+
+@kernel
+def tabulate_nodes(
+    n: int, guide: Steps, p: Physics, coefficients: Array, layout: Integers, timing: Array, nodes: Array
+) -> None:
+    """Read the ephemeris at the nodes of all steps of a guide into `nodes` (steps, nodes_width)."""
+    w = make_work(layout.shape[0], 0)
+    for k in range(guide.start.shape[0]):
+        read_ephemeris(n, guide.start[k], guide.length[k], w, p, coefficients, layout, timing)
+        keep_nodes(w, nodes[k])
+
+
+@inlined_kernel
+def follow_guide(w: Work, p: Physics, guide: Steps, nodes: Array, k: int) -> None:
+    """Set up step k of a guide: bodies at its nodes, its accelerations as the first guess."""
+    recall_nodes(w, nodes[k], p.relativity == 2)
+    for i in range(24):
+        w.known[i] = guide.acceleration[k, i]
+    if guide.variation_acceleration.shape[1] == w.D.shape[0]:
+        for i in range(w.D.shape[0]):
+            w.D_known[i] = guide.variation_acceleration[k, i]
+
+
+@inlined_kernel
+def solve_state(
+    n: int, w: Work, p: Physics, sunlight: float, x: Array, v: Array, h: float, first: bool
+) -> tuple[bool, float, float]:
     """Iterate the stage accelerations w.A to round-off.
 
     Returns whether they converged, their round-off floor relative to their size (near a perturber the rounding of the
@@ -238,7 +280,9 @@ def solve_state(n: int, w: Work, p: Physics, x: Array, v: Array, h: float, first
         acceleration(n, w, p, w.A)
     else:
         weigh(n, w.extrapolation, w.before, 3, 1.0, w.A)
-    last, noise, size = 1e300, 0.0, 1.0
+        for i in range(24):
+            w.A[i] += w.known[i]
+    last, noise, size, reach = 1e300, 0.0, 1.0, -1.0
     for sweep in range(14):
         weigh(n, AA_FLAT, w.A, 3, h * h, w.X)
         weigh(n, A_FLAT, w.A, 3, h, w.V)
@@ -246,7 +290,11 @@ def solve_state(n: int, w: Work, p: Physics, x: Array, v: Array, h: float, first
             for i in range(8):
                 w.X[8 * k + i] += x[k] + h * NODES[i] * v[k]
                 w.V[8 * k + i] += v[k]
-        acceleration(n, w, p, w.B)
+        if largest_shift(n, w.X, w.X0) > reach or sweep == 0:
+            expand_here(n, w, p)
+            reach = np.sqrt(0.02 * EPSILON * size_of(w.A) / largest(w.bend))
+        expanded_field(n, w.X, w.X0, w.R0, w.S0, w.P, p.gm[SUN], w.B)
+        add_small_forces(n, w, p, sunlight, w.B)
         change, size = 0.0, 0.0
         for i in range(24):
             change = max(change, abs(w.B[i] - w.A[i]))
@@ -268,7 +316,7 @@ def solve_state(n: int, w: Work, p: Physics, x: Array, v: Array, h: float, first
     return False, noise, size
 
 
-@kernel
+@inlined_kernel
 def variational(n: int, columns: Integers, px: Array, pv: Array, h: float, w: Work) -> None:
     """Right-hand side of the variational equations: w.E = G dx + K dv (+ F for a parameter column)."""
     G, K, DX, DV, E = w.G, w.K, w.DX, w.DV, w.E
@@ -292,7 +340,7 @@ def variational(n: int, columns: Integers, px: Array, pv: Array, h: float, w: Wo
                 E[o + i] += w.F[f + i]
 
 
-@kernel
+@inlined_kernel
 def solve_variations(n: int, w: Work, columns: Integers, px: Array, pv: Array, h: float, first: bool) -> None:
     """Iterate the accelerations w.D of all variation columns to round-off; the Jacobians are those of the state."""
     count = 6 + columns.shape[0]
@@ -301,6 +349,8 @@ def solve_variations(n: int, w: Work, columns: Integers, px: Array, pv: Array, h
             w.D[i] = 0.0
     else:
         weigh(n, w.extrapolation, w.D_before, 3 * count, 1.0, w.D)
+        for i in range(24 * count):
+            w.D[i] += w.D_known[i]
     last = 1e300
     for sweep in range(14):
         weigh(n, AA_FLAT, w.D, 3 * count, h * h, w.DX)
@@ -329,7 +379,7 @@ def add_compensated(x: Array, lost: Array, k: int, term: float) -> None:
     x[k] = z
 
 
-@kernel
+@inlined_kernel
 def advance(w: Work, x: Array, v: Array, lost_x: Array, lost_v: Array, h: float) -> None:
     """Move the state to the end of the step."""
     for k in range(3):
@@ -340,10 +390,10 @@ def advance(w: Work, x: Array, v: Array, lost_x: Array, lost_v: Array, h: float)
         add_compensated(x, lost_x, k, h * v[k] + h * h * s + h * lost_v[k])
         add_compensated(v, lost_v, k, h * q)
     for i in range(24):
-        w.before[i] = w.A[i]
+        w.before[i] = w.A[i] - w.known[i]
 
 
-@kernel
+@inlined_kernel
 def advance_variations(w: Work, px: Array, pv: Array, h: float) -> None:
     """Move the variations to the end of the step."""
     for r in range(px.shape[0]):
@@ -354,7 +404,7 @@ def advance_variations(w: Work, px: Array, pv: Array, h: float) -> None:
         px[r] += h * pv[r] + h * h * s
         pv[r] += h * q
     for i in range(w.D.shape[0]):
-        w.D_before[i] = w.D[i]
+        w.D_before[i] = w.D[i] - w.D_known[i]
 
 
 @kernel
@@ -369,7 +419,7 @@ def last_coefficient(A: Array) -> float:
     return largest
 
 
-@kernel
+@inlined_kernel
 def first_step(w: Work, p: Physics, x: Array, tolerance: float) -> float:
     """A quarter of the shortest free-fall time to any body, w.P being the bodies at the start."""
     shortest = 1e300
@@ -379,7 +429,7 @@ def first_step(w: Work, p: Physics, x: Array, tolerance: float) -> float:
     return float(min(LARGEST_STEP_S, 0.25 * shortest * (tolerance / 1e-11) ** (1.0 / 7.0)))
 
 
-@kernel
+@inlined_kernel
 def store(s: Steps, k: int, t: float, h: float, x: Array, v: Array, px: Array, pv: Array, w: Work) -> None:
     """Write step k."""
     s.start[k], s.length[k], s.tide[k] = t, h, largest(w.tide)
@@ -397,7 +447,7 @@ def store(s: Steps, k: int, t: float, h: float, x: Array, v: Array, px: Array, p
 @kernel
 def integrate(
     n: int, start: Array, end_s: float, coefficients: Array, layout: Integers, timing: Array, p: Physics,
-    columns: Integers, variations: bool, tolerance: float,
+    sunlight: float, columns: Integers, variations: bool, tolerance: float, guide: Steps, nodes: Array,
 ) -> tuple[int, Steps]:  # fmt: skip
     """Integrate from t = 0 to end_s (either sign).
 
@@ -407,41 +457,54 @@ def integrate(
     start : shape (6,), barycentric position and velocity at t = 0, km, km/s.
     end_s : TDB seconds after the epoch.
     coefficients, layout, timing : the ephemeris window.
-    p : the forces.
+    p, sunlight : the forces; the strength of radiation pressure apart, because clones differ in it.
     columns, variations : which of kappa, A1, A2, A3 (q,) are integrated; whether they and Phi are at all.
     tolerance : limit of the last Legendre coefficient of the acceleration, relative.
+    guide, nodes : steps of a near orbit over the same span and the ephemeris at their nodes: this orbit takes the same
+        steps, and iterates its difference from the guide; no steps if there is none.
 
-    Returns a status (OK, STALLED, TOO_MANY_STEPS) and the accepted steps.
+    Returns a status (OK, STALLED, TOO_MANY_STEPS, or OFF_GRID if the guide's steps do not suit) and the accepted steps.
     """
     count = 6 + columns.shape[0] if variations else 0
-    w = make_work(layout.shape[0], count)
+    w, guided = make_work(layout.shape[0], count), guide.start.shape[0] > 0
     x, v, lost_x, lost_v = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
     for k in range(3):
         x[k], v[k] = start[k], start[3 + k]
     px, pv = np.zeros(3 * count), np.zeros(3 * count)
     for k in range(min(3, count)):  # Phi = I, zeta = 0
         px[4 * k], pv[9 + 4 * k] = 1.0, 1.0
-    steps, taken, sign = make_steps(64, count), 0, 1.0 if end_s > 0.0 else -1.0
-    read_ephemeris(n, 0.0, 0.0, w, p, coefficients, layout, timing)
-    t, h, h_before = 0.0, sign * first_step(w, p, x, tolerance), 0.0
+    steps, taken, sign = make_steps(max(64, guide.start.shape[0]), count), 0, 1.0 if end_s > 0.0 else -1.0
+    t, h, h_before = 0.0, 0.0, 0.0
+    if not guided:
+        read_ephemeris(n, 0.0, 0.0, w, p, coefficients, layout, timing)
+        h = sign * first_step(w, p, x, tolerance)
     while sign * (end_s - t) > 0.0:
-        ends = sign * (t + h - end_s) >= -1e-9 * abs(h)
-        t_next = end_s if ends else t + h
-        h = t_next - t
-        if abs(h) < SMALLEST_STEP_S and not ends:
-            return STALLED, resized(steps, taken, taken, count)
-        read_ephemeris(n, t, h, w, p, coefficients, layout, timing)
+        if guided:
+            h = guide.length[taken]
+            ends = taken == guide.start.shape[0] - 1
+            t_next = end_s if ends else t + h
+            follow_guide(w, p, guide, nodes, taken)
+        else:
+            ends = sign * (t + h - end_s) >= -1e-9 * abs(h)
+            t_next = end_s if ends else t + h
+            h = t_next - t
+            if abs(h) < SMALLEST_STEP_S and not ends:
+                return STALLED, resized(steps, taken, taken, count)
+            read_ephemeris(n, t, h, w, p, coefficients, layout, timing)
         if h_before != 0.0:
             extrapolation(h / h_before, w.extrapolation)
-        converged, noise, size = solve_state(n, w, p, x, v, h, h_before == 0.0)
+        first = h_before == 0.0 and not guided
+        converged, noise, size = solve_state(n, w, p, sunlight, x, v, h, first)
         error, limit = last_coefficient(w.A) / size, max(tolerance, noise)
         if not converged or error > 20.0 * limit:
+            if guided:
+                return OFF_GRID, resized(steps, taken, taken, count)
             h *= max(0.2, 0.9 * (limit / error) ** (1.0 / 7.0)) if converged else 0.4
             h_before = h_before if converged else 0.0
             continue
         if variations:
-            jacobian(n, w, p)
-            solve_variations(n, w, columns, px, pv, h, h_before == 0.0)
+            expanded_jacobian(n, w, p, sunlight)
+            solve_variations(n, w, columns, px, pv, h, first)
         if taken == steps.start.shape[0]:
             steps = resized(steps, taken, 2 * taken, count)
         store(steps, taken, t, h, x, v, px, pv, w)

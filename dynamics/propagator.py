@@ -9,14 +9,15 @@ from nebosvod.dynamics import integrator
 from nebosvod.dynamics.dense import join
 from nebosvod.dynamics.encounter import IMPACT_TIDE, require_no_impact
 from nebosvod.dynamics.ephemeris import PLANETS, Ephemeris
-from nebosvod.dynamics.integrator import Steps
-from nebosvod.dynamics.model import ForceModel
+from nebosvod.dynamics.model import ForceModel, Physics
 from nebosvod.dynamics.trajectory import Trajectory, make_trajectory
+from nebosvod.dynamics.workspace import NO_NODES, NO_STEPS, Steps
 from nebosvod.errors import CoverageError, EventError, InputError
 from nebosvod.timescale import Epoch
 
 Array = npt.NDArray[np.float64]
 TOLERANCE = 1e-11
+NO_GUIDES = ((NO_STEPS, NO_NODES),) * 2
 OWN_TIDE = 1e-10  # s^-2: GM/r^3 at ten radii of an asteroid of 0.4 g/cm^3
 LIGHT_TIME_MARGIN_S = 21600.0  # the light time over 43 au
 
@@ -30,6 +31,7 @@ def propagate(
     *,
     tolerance: float = TOLERANCE,
     margin_s: float = LIGHT_TIME_MARGIN_S,
+    grid: Trajectory | None = None,
 ) -> Trajectory:
     """Integrate an orbit with its transition matrix and parameter sensitivities.
 
@@ -44,6 +46,10 @@ def propagate(
     tolerance : last Legendre coefficient of the acceleration over a step, relative.
     margin_s : how far before the first time the trajectory reaches, so that light-time solutions find their emission
         time inside it; cut at the start of the ephemeris.
+    grid : a trajectory of a near orbit, such as the last iteration of a fit: its steps, the ephemeris at their nodes
+        and its accelerations as a first guess are used again where epoch, span and bodies are the same and every step
+        passes the error check; otherwise the orbit gets steps of its own. It changes the time taken, and the result by
+        rounding.
 
     Raises
     ------
@@ -60,28 +66,49 @@ def propagate(
     if not sensitivities:
         columns = columns[:0]
     physics = forces.physics(epoch)
+    guides = _guides(grid, epoch, (low, high), forces, physics)
     legs: list[Steps | None] = [None, None]
     for leg, end_s in enumerate((low, high)):
         if end_s != 0.0:
-            status, steps = integrator.integrate(
+            fixed = (
                 8, barycentric, end_s, window.coefficients, window.layout, window.timing, physics,
-                columns, sensitivities, float(tolerance),
+                physics.radiation_strength, columns, sensitivities, float(tolerance),
             )  # fmt: skip
+            status, steps = integrator.integrate(*fixed, *guides[leg])
+            if status == integrator.OFF_GRID:
+                guides = NO_GUIDES
+                status, steps = integrator.integrate(*fixed, *guides[leg])
             legs[leg] = steps
             itself = _perturber_itself(forces, steps, barycentric, epoch)
             if itself is not None:
                 without = dataclasses.replace(forces, excluded=(*forces.excluded, itself))
-                return propagate(start, epoch, times, without, sensitivities, tolerance=tolerance, margin_s=margin_s)
+                return propagate(
+                    start, epoch, times, without, sensitivities, tolerance=tolerance, margin_s=margin_s, grid=grid
+                )
             if status != integrator.OK:
                 if len(steps.start):
                     stub = join(legs[0], legs[1], window, 6 + len(columns) if sensitivities else 0)
                     require_no_impact(make_trajectory(epoch, [0.0], forces, stub, chain, False), stub.steps.tide)
                 raise _stalled(forces.ephemeris, epoch, steps, end_s, start)
-    table = join(legs[0], legs[1], window, 6 + len(columns) if sensitivities else 0)
+    nodes = grid._table.nodes if grid is not None and guides is not NO_GUIDES else None
+    table = join(legs[0], legs[1], window, 6 + len(columns) if sensitivities else 0, nodes)
     trajectory = make_trajectory(epoch, times, forces, table, chain, sensitivities)
     if table.steps.tide.max() > IMPACT_TIDE:
         require_no_impact(trajectory, table.steps.tide)
     return trajectory
+
+
+def _guides(
+    grid: Trajectory | None, epoch: Epoch, span: tuple[float, float], forces: ForceModel, physics: Physics
+) -> tuple[tuple[Steps, Array], ...]:
+    """Steps and nodes of both legs of `grid`, or none where they do not fit the span or the bodies."""
+    if grid is None or grid.epoch != epoch or grid.span_s != span:
+        return NO_GUIDES
+    theirs = grid.forces
+    same_bodies = theirs.ephemeris is forces.ephemeris and np.array_equal(theirs.physics(epoch).gm, physics.gm)
+    if not same_bodies or theirs.relativity != forces.relativity:
+        return NO_GUIDES
+    return grid._table.guides(physics)
 
 
 def _perturber_itself(forces: ForceModel, steps: Steps, barycentric: Array, epoch: Epoch) -> str | None:

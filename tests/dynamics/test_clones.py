@@ -1,0 +1,93 @@
+"""Many clones at once: the same orbits as one by one."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from nebosvod.dynamics import ForceModel, propagate, propagate_many
+from nebosvod.dynamics.constants import DAY_S
+from nebosvod.errors import InputError
+from nebosvod.timescale import Epoch
+
+Array = np.ndarray
+Neo = tuple[Epoch, Array]
+SPREAD = np.array([100.0, 100.0, 100.0, 1e-5, 1e-5, 1e-5])  # km, km/s
+
+
+def cloud(start: Array, count: int, spread: Array = SPREAD) -> Array:
+    return start + np.random.default_rng(4).normal(size=(count, 6)) * spread
+
+
+def test_clones_with_their_own_parameters_fly_as_one_by_one(full_forces: ForceModel, neo: Neo) -> None:
+    """1 mm at a year each way, in any order of times."""
+    epoch, start = neo
+    times = np.array([365.25, -100.0, 0.0, 40.0]) * DAY_S
+    starts = cloud(start, 8)
+    values = full_forces.values * (1.0 + 0.1 * np.random.default_rng(5).normal(size=(8, 7)))
+    values[:, 2:4] = np.abs(values[:, 2:4])
+    many = propagate_many(starts, epoch, times, full_forces, values)
+    assert not many.alone.any()
+    assert many.state.shape == (8, 4, 6)
+    for k in range(8):
+        own = full_forces.with_values(dict(zip(full_forces.parameters, values[k])))
+        one = propagate(starts[k], epoch, times, own, False).state
+        assert np.abs((many.state[k] - one)[:, :3]).max() < 1e-6
+        assert np.abs((many.state[k] - one)[:, 3:]).max() < 1e-13
+
+
+def test_clones_differ_by_their_parameters(full_forces: ForceModel, neo: Neo) -> None:
+    """Radiation on twice the area: the displacement that zeta gives, to 1 %."""
+    epoch, start = neo
+    values = np.array([full_forces.values, full_forces.values])
+    values[1, 0] *= 1.001
+    state = propagate_many([start, start], epoch, [100 * DAY_S], full_forces, values).state[:, 0]
+    wanted = propagate(start, epoch, [100 * DAY_S], full_forces).zeta[0, :3, 0] * 0.001 * values[0, 0]
+    assert np.linalg.norm((state[1] - state[0])[:3] - wanted) < 0.01 * np.linalg.norm(wanted)
+
+
+def test_the_number_of_threads_changes_nothing(full_forces: ForceModel, neo: Neo) -> None:
+    epoch, start = neo
+    starts = cloud(start, 13)
+    one, three = (propagate_many(starts, epoch, [90 * DAY_S], full_forces, threads=k) for k in (1, 3))
+    assert np.array_equal(one.state, three.state)
+
+
+def test_a_clone_whose_orbit_needs_other_steps_gets_its_own(full_forces: ForceModel, neo: Neo) -> None:
+    """One clone among 30 starts a million km from the Earth, where the others' steps are far too long."""
+    epoch, start = neo
+    earth = full_forces.ephemeris.state_km_km_s("earth", epoch, 0.0)[0]
+    earth -= full_forces.ephemeris.state_km_km_s("sun", epoch, 0.0)[0]
+    near = earth + np.array([2e5, 1e5, 0.0, 2.0, 0.0, 1.0])
+    starts = np.vstack([cloud(start, 29), near])
+    many = propagate_many(starts, epoch, [50 * DAY_S], full_forces)
+    assert many.alone[-1]
+    one = propagate(near, epoch, [50 * DAY_S], full_forces, False, margin_s=0.0).state
+    assert np.array_equal(many.state[-1], one)
+    assert not many.lost
+
+
+def test_a_clone_that_hits_a_body_is_lost_and_the_others_go_on(full_forces: ForceModel, neo: Neo) -> None:
+    epoch, start = neo
+    earth = full_forces.ephemeris.state_km_km_s("earth", epoch, 0.0)[0]
+    earth -= full_forces.ephemeris.state_km_km_s("sun", epoch, 0.0)[0]
+    falling = earth + np.array([2e5, 0.0, 0.0, -3.0, 0.0, 0.0])
+    many = propagate_many(np.vstack([cloud(start, 29), falling]), epoch, [50 * DAY_S], full_forces)
+    assert list(many.lost) == [29]
+    assert "earth" in many.lost[29]
+    assert np.isnan(many.state[29]).all()
+    assert np.isfinite(many.state[:29]).all()
+
+
+@pytest.mark.parametrize(
+    ("states", "parameters", "message"),
+    [
+        (np.zeros((0, 6)), None, "shape"),
+        (np.zeros(6), None, "shape"),
+        (np.full((2, 6), np.nan), None, "finite"),
+        (np.ones((2, 6)), np.ones((3, 7)), "parameters"),
+    ],
+)
+def test_wrong_input_is_refused(full_forces: ForceModel, neo: Neo, states: Any, parameters: Any, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        propagate_many(states, neo[0], [0.0], full_forces, parameters)

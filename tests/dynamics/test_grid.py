@@ -1,0 +1,109 @@
+"""Grids: the steps and nodes of one orbit serve near ones; the expansion of the far field loses nothing."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from nebosvod.dynamics import ForceModel, integrator, propagate, propagator
+from nebosvod.dynamics.constants import DAY_S
+from nebosvod.timescale import Epoch
+
+Array = np.ndarray
+Neo = tuple[Epoch, Array]
+NEAR = np.array([300.0, -200.0, 100.0, 1e-5, 2e-5, -1e-5])
+WEIGHT = np.array([1.0, 1.0, 1.0, 1e7, 1e7, 1e7])
+TIMES = np.array([-80.0, 10.0, 365.25]) * DAY_S
+
+
+@pytest.mark.parametrize("sensitivities", [True, False])
+@pytest.mark.parametrize("relativity", ["sun", "eih"])
+def test_an_orbit_on_the_grid_of_another_is_the_same_orbit(
+    full_forces: ForceModel, neo: Neo, sensitivities: bool, relativity: Any
+) -> None:
+    """1 mm at a year, 1e-10 of the partials: both are converged."""
+    epoch, start = neo
+    forces = ForceModel(
+        ephemeris=full_forces.ephemeris,
+        relativity=relativity,
+        radiation=full_forces.radiation,
+        nongrav=full_forces.nongrav,
+        parameters=full_forces.parameters,
+    )
+    grid = propagate(start, epoch, TIMES, forces, sensitivities)
+    changed = forces.with_values({"radius_m": 190.0, "a2_au_d2": 5e-14})
+    own = propagate(start + NEAR, epoch, TIMES, changed, sensitivities)
+    on_grid = propagate(start + NEAR, epoch, TIMES, changed, sensitivities, grid=grid)
+    assert np.array_equal(on_grid.step_edges_s, grid.step_edges_s)
+    assert not np.array_equal(on_grid.step_edges_s, own.step_edges_s)
+    assert np.abs((on_grid.state - own.state) * WEIGHT).max() < 1e-6
+    if sensitivities:
+        scale = np.abs(own.Phi[2] * WEIGHT[:, None] / WEIGHT).max()
+        assert np.abs((on_grid.Phi - own.Phi) * WEIGHT[:, None] / WEIGHT).max() < 1e-10 * scale
+        size = np.abs(own.zeta * WEIGHT[:, None]).max(axis=(0, 1))
+        assert (np.abs((on_grid.zeta - own.zeta) * WEIGHT[:, None]).max(axis=(0, 1)) < 1e-9 * size).all()
+
+
+def test_a_grid_of_states_serves_an_orbit_with_partials(full_forces: ForceModel, neo: Neo) -> None:
+    epoch, start = neo
+    grid = propagate(start, epoch, TIMES, full_forces, False)
+    on_grid = propagate(start, epoch, TIMES, full_forces, grid=grid)
+    own = propagate(start, epoch, TIMES, full_forces)
+    assert np.array_equal(on_grid.step_edges_s, own.step_edges_s)
+    assert np.abs((on_grid.Phi - own.Phi) * WEIGHT[:, None] / WEIGHT).max() < 1e-9
+
+
+def test_a_grid_that_does_not_fit_is_not_used(full_forces: ForceModel, neo: Neo) -> None:
+    epoch, start = neo
+    own = propagate(start, epoch, TIMES, full_forces, False)
+    other_span = propagate(start, epoch, TIMES * 0.5, full_forces, False)
+    other_epoch = propagate(start, epoch + 5 * DAY_S, TIMES, full_forces, False)
+    bare = ForceModel(ephemeris=full_forces.ephemeris, asteroids=False)
+    other_bodies = propagate(start, epoch, TIMES, bare, False)
+    for grid in (other_span, other_epoch, other_bodies):
+        again = propagate(start, epoch, TIMES, full_forces, False, grid=grid)
+        assert np.array_equal(again.state, own.state)
+
+
+def test_an_orbit_that_the_grid_is_too_coarse_for_gets_its_own_steps(full_forces: ForceModel, neo: Neo) -> None:
+    epoch, start = neo
+    sunward = start * np.array([0.5, 0.5, 0.5, 1.2, 1.2, 1.2])
+    grid = propagate(start, epoch, TIMES, full_forces, False)
+    own = propagate(sunward, epoch, TIMES, full_forces, False)
+    again = propagate(sunward, epoch, TIMES, full_forces, False, grid=grid)
+    assert np.array_equal(again.step_edges_s, own.step_edges_s)
+    assert np.array_equal(again.state, own.state)
+
+
+def test_expanded_field_is_the_full_one_to_rounding(full_forces: ForceModel, neo: Neo) -> None:
+    """1e-15 of the acceleration (27 terms in another order) and 1e-13 of the gradient, 100 m from the expansion."""
+    epoch, start = neo
+    physics = full_forces.physics(epoch)
+    window = full_forces.ephemeris.window(epoch, 0.0, 10 * DAY_S, asteroids=True)
+    w = integrator.make_work(window.layout.shape[0], 0)
+    integrator.read_ephemeris(8, 0.0, 5 * DAY_S, w, physics, window.coefficients, window.layout, window.timing)
+    sun = full_forces.ephemeris.state_km_km_s("sun", epoch, w.t)
+    path = start + sun
+    path[:, :3] += np.outer(w.t, start[3:])
+    w.X[:], w.V[:] = path[:, :3].T.ravel(), path[:, 3:].T.ravel()
+    integrator.expand_here(8, w, physics)
+    w.X[:] += np.random.default_rng(2).uniform(-0.1, 0.1, 24)
+    full, expanded = np.zeros(24), np.zeros(24)
+    integrator.expanded_field(8, w.X, w.X0, w.R0, w.S0, w.P, physics.gm[0], expanded)
+    integrator.add_small_forces(8, w, physics, physics.radiation_strength, expanded)
+    integrator.acceleration(8, w, physics, full)
+    assert np.abs(expanded - full).max() < 1e-15 * np.abs(full).max()
+    integrator.expanded_jacobian(8, w, physics, physics.radiation_strength)
+    G = w.G.copy()
+    integrator.jacobian(8, w, physics)
+    assert np.abs(G - w.G).max() < 1e-13 * np.abs(w.G).max()
+
+
+def test_a_repeated_window_of_times_costs_one_table_of_nodes(full_forces: ForceModel, neo: Neo) -> None:
+    epoch, start = neo
+    grid = propagate(start, epoch, TIMES, full_forces, False)
+    second = propagate(start + NEAR, epoch, TIMES, full_forces, False, grid=grid)
+    third = propagate(start - NEAR, epoch, TIMES, full_forces, False, grid=second)
+    assert second._table.nodes is grid._table.nodes
+    assert third._table.nodes is grid._table.nodes
+    assert propagator.NO_GUIDES[0][0].start.size == 0
