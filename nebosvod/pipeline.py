@@ -11,14 +11,14 @@ import numpy as np
 import numpy.typing as npt
 
 from nebosvod import __version__
-from nebosvod.assembly import nominal_point, view
+from nebosvod.assembly import View, nominal_point, view
+from nebosvod.assessment import assess
 from nebosvod.errors import InputError
-from nebosvod.estimation.budget import noise_to_nuisance
 from nebosvod.fitting import Fit, fit
 from nebosvod.mission import Mission
-from nebosvod.montecarlo import consistency_block, monte_carlo
+from nebosvod.montecarlo import Sample, consistency, consistency_block, repeat
 from nebosvod.predictions import Quantity, quantity
-from nebosvod.prior import prior_table
+from nebosvod.prior import PriorTable, prior_table
 from nebosvod.result import Result
 from nebosvod.scene import Scene, build_scene
 from nebosvod.summary import summarise
@@ -56,13 +56,15 @@ def run(mission: Mission, seed: int = 0, progress: Callable[[str], None] | None 
         fits.append(fit(scene, estimator, nominal, truth.psi, priors))
     say("predicting")
     predicted = {one.estimator.name: _predict(scene, one) for one in fits if one.estimate.solution is not None}
-    ratio = noise_to_nuisance(fits[0].problem)
-    trials = monte_carlo(scene, nominal, priors, fits, seed, say)
+    samples = _samples(scene, nominal, priors, fits, seed, say)
+    say("taking the accuracy apart")
+    findings = assess(scene, fits, predicted, samples, seed)
+    trials = [{"estimator": name, **consistency(sample)} for name, sample in samples.items()]
     return Result(
-        summary=summarise(scene, priors, fits, predicted, ratio) | consistency_block(trials),
+        summary=summarise(scene, priors, fits, findings) | consistency_block(trials),
         manifest=manifest(scene, seed, started, fits),
-        arrays=all_arrays(scene, nominal, fits, truth.psi),
-        tables=all_tables(scene, nominal, fits, truth.psi, predicted),
+        arrays=all_arrays(scene, nominal, fits, truth.psi) | findings.arrays,
+        tables=all_tables(scene, nominal, fits, truth.psi, findings),
     )
 
 
@@ -100,3 +102,17 @@ def _predict(scene: Scene, one: Fit) -> list[Quantity]:
     except InputError as error:
         place = scene.mission.path or scene.mission.name
         raise InputError(f"{place}: {error}") from None
+
+
+def _samples(
+    scene: Scene, nominal: View, priors: PriorTable, fits: list[Fit], seed: int, say: Callable[[str], None]
+) -> dict[str, Sample]:
+    """Errors of repeated estimation by estimator, as many runs as the mission asks for; empty if it asks for none."""
+    plan = scene.mission.monte_carlo
+    if plan is None:
+        return {}
+    return {
+        one.estimator.name: repeat(scene, one.estimator, nominal, priors, plan.runs, seed, say)
+        for one in fits
+        if one.estimate.solution is not None
+    }

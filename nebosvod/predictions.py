@@ -4,7 +4,7 @@ A quantity is evaluated on one trajectory; its error is the estimator's business
 source of the budget reaches it through the same factors.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,6 +14,7 @@ import numpy.typing as npt
 from nebosvod.dynamics import Encounter, Trajectory, find_encounters, perigee_distance, target_plane
 from nebosvod.errors import InputError
 from nebosvod.estimation import Estimate, ellipse
+from nebosvod.estimation.inside import inside_disc
 from nebosvod.impact import entry_point, gate, impact, osculating_perigee
 from nebosvod.mission.request import EncounterPrediction, Prediction, SkyPrediction, StatePrediction
 from nebosvod.observation import observe
@@ -39,6 +40,7 @@ class Quantity:
     value : (d,), or None where only the error means anything (sky offsets, RTN axes).
     partials : (d, k) by `names`.
     facts : further numbers for the summary, units in the key names.
+    axes : (3, 3) ICRF, rows the axes of a target plane (xi, normal, zeta) or of position and velocity; None otherwise.
     """
 
     request: Prediction
@@ -48,6 +50,7 @@ class Quantity:
     partials: Array
     names: tuple[str, ...]
     facts: Mapping[str, Any]
+    axes: Array | None = None
 
 
 def quantity(scene: Scene, trajectory: Trajectory, request: Prediction) -> Quantity:
@@ -74,6 +77,7 @@ def _make(
     by_parameters: Array,
     trajectory: Trajectory,
     facts: Mapping[str, Any],
+    axes: Array | None = None,
 ) -> Quantity:
     return Quantity(
         request=request,
@@ -83,6 +87,7 @@ def _make(
         partials=np.hstack([np.atleast_2d(by_state), np.atleast_2d(by_parameters)]),
         names=(*STATE_NAMES, *trajectory.parameter_names),
         facts=facts,
+        axes=axes,
     )
 
 
@@ -113,7 +118,7 @@ def _state(scene: Scene, trajectory: Trajectory, request: StatePrediction) -> Qu
     scale, unit = (M_PER_KM, "m_s") if request.plane == "rtn_velocity" else (1.0, "km")
     facts = {"position_km": x[:3].tolist(), "velocity_km_s": x[3:].tolist()}
     return _make(
-        request, request.at, unit, None, scale * axes @ Phi[rows], scale * axes @ zeta[rows], trajectory, facts
+        request, request.at, unit, None, scale * axes @ Phi[rows], scale * axes @ zeta[rows], trajectory, facts, axes
     )
 
 
@@ -148,6 +153,7 @@ def _encounter(scene: Scene, trajectory: Trajectory, request: EncounterPredictio
         plane.partials_parameters,
         trajectory,
         facts | {"capture_radius_km": plane.capture_radius_km},
+        plane.axes,
     )
 
 
@@ -194,11 +200,28 @@ def _nearest_encounter(scene: Scene, trajectory: Trajectory, request: EncounterP
     return min(events, key=lambda event: abs(event[0].t_s - when))
 
 
-def prediction_row(asked: Quantity, estimate: Estimate, estimator: str) -> dict[str, Any]:
-    """One entry of `predictions` in summary.json: true and formal covariance, ellipse, budget."""
+def known_partials(asked: Quantity, estimate: Estimate) -> tuple[Array, tuple[str, ...]]:
+    """Partials (d, k) of a quantity by the k of its parameters that have an error in this estimate."""
     known = set(estimate.names) | set(estimate.left_out)
     keep = [index for index, name in enumerate(asked.names) if name in known]
-    found = estimate.predict(asked.partials[:, keep], [asked.names[index] for index in keep])
+    return asked.partials[:, keep], tuple(asked.names[index] for index in keep)
+
+
+def prediction_row(
+    asked: Quantity,
+    estimate: Estimate,
+    estimator: str,
+    budget: Sequence[Mapping[str, Any]],
+    curved: Mapping[str, Any],
+) -> dict[str, Any]:
+    """One entry of `predictions` in summary.json: true and formal covariance, ellipse, chance of impact.
+
+    Parameters
+    ----------
+    budget, curved : its budget, and its nonlinearity with the mean shift, which adds to the largest deviation.
+    """
+    shift = curved[f"mean_shift_{asked.unit}"] or np.zeros(len(asked.partials))
+    found = estimate.predict(*known_partials(asked, estimate))
     unit, size = asked.unit, asked.partials.shape[0]
     row: dict[str, Any] = {
         "name": asked.request.name,
@@ -209,14 +232,18 @@ def prediction_row(asked: Quantity, estimate: Estimate, estimator: str) -> dict[
         **_shape(found.factor, unit),
         f"sigma_{unit}": found.sigma.tolist(),
         f"sigma_formal_{unit}": found.sigma_formal.tolist(),
-        f"max_deviation_{unit}": (SIGMAS * found.sigma).tolist(),
+        f"max_deviation_{unit}": ellipse.maximum_deviation(shift, found.sigma, SIGMAS).tolist(),
         f"covariance_{unit}2": found.covariance.tolist(),
         f"covariance_formal_{unit}2": found.covariance_formal.tolist(),
         "probability": ellipse.probability(1.0, size),
-        "budget": _budget(found.shares, found.covariance),
+        "nonlinearity": dict(curved),
+        "budget": budget,
     }
     if asked.value is not None:
         row[f"mean_{unit}"] = asked.value.tolist()
+        if "capture_radius_km" in asked.facts:
+            # linear: a normal distribution on the plane, over the disc whose orbits hit the body
+            row["impact_probability_linear"] = inside_disc(asked.value, found.factor, asked.facts["capture_radius_km"])
     return row
 
 
@@ -230,18 +257,3 @@ def _shape(factor: Array, unit: str) -> dict[str, Any]:
         }
     axes = np.linalg.svd(factor, compute_uv=False)
     return {f"semi_axes_{unit}": [float(a) for a in axes], "angle_deg": None}
-
-
-def _budget(shares: Mapping[str, Array], covariance: Array) -> list[dict[str, Any]]:
-    """Share of each source in the variance of each component, and in their sum."""
-    variance = np.diag(covariance)
-    total = float(variance.sum())
-    rows = [
-        {
-            "source": source,
-            "share": [float(own / all_) if all_ > 0.0 else 0.0 for own, all_ in zip(np.diag(part), variance)],
-            "share_total": float(np.trace(part) / total) if total > 0.0 else 0.0,
-        }
-        for source, part in shares.items()
-    ]
-    return sorted(rows, key=lambda row: -row["share_total"])

@@ -1,17 +1,17 @@
 """summary.json: every headline number of a run, units in the key names."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from nebosvod.assembly import nuisance_treatment
+from nebosvod.assessment import Findings
 from nebosvod.dynamics.constants import SOLAR_IRRADIANCE_W_M2
-from nebosvod.estimation.budget import NoiseToNuisance
 from nebosvod.estimation.square_root import lower_factor
 from nebosvod.fitting import Fit
-from nebosvod.predictions import M_PER_KM, Quantity, prediction_row
+from nebosvod.predictions import M_PER_KM
 from nebosvod.prior import STATE_NAMES, PriorTable
 from nebosvod.scene import Scene
 from nebosvod.timescale import SECONDS_PER_DAY
@@ -24,17 +24,10 @@ def summarise(
     scene: Scene,
     priors: PriorTable,
     fits: Sequence[Fit],
-    predicted: Mapping[str, Sequence[Quantity]],
-    ratio: NoiseToNuisance | None,
+    findings: Findings,
 ) -> dict[str, Any]:
-    """Build the summary of a run.
-
-    Parameters
-    ----------
-    predicted : for each estimator that has an estimate, its evaluated predictions.
-    """
+    """Build the summary of a run."""
     mission = scene.mission
-    found = [fit for fit in fits if fit.estimate.solution is not None]
     return {
         "schema_version": SCHEMA_VERSION,
         "mission": mission.name,
@@ -48,14 +41,12 @@ def summarise(
         "physics": _physics(scene),
         "assumptions": _assumptions(scene),
         "estimators": [estimator_row(scene, priors, fit) for fit in fits],
-        "budget": [row for fit in found for row in budget_rows(fit)],
-        "noise_to_nuisance": _ratio(ratio),
-        "predictions": [
-            prediction_row(asked, fit.estimate, fit.estimator.name)
-            for fit in found
-            for asked in predicted[fit.estimator.name]
-        ],
-        "warnings": _warnings(scene, fits),
+        "budget": findings.budget,
+        "noise_to_nuisance": findings.noise_to_nuisance,
+        "predictions": findings.predictions,
+        "curves": findings.curves,
+        "accuracy_comparison": findings.accuracy_comparison,
+        "warnings": _warnings(scene, fits, findings),
     }
 
 
@@ -112,25 +103,6 @@ def estimator_row(scene: Scene, priors: PriorTable, fit: Fit) -> dict[str, Any]:
     }
 
 
-def budget_rows(fit: Fit) -> list[dict[str, Any]]:
-    """What each source contributes to the state of one estimator, largest position share first."""
-    total = fit.estimate.covariance(STATE_NAMES)
-    index = [fit.estimate.names.index(name) for name in STATE_NAMES]
-    rows = []
-    for source, whole in fit.estimate.shares.items():
-        part = whole[np.ix_(index, index)]
-        rows.append(
-            {
-                "estimator": fit.estimator.name,
-                "source": source,
-                **_sigmas("sigma", part),
-                "share_position": float(np.trace(part[:3, :3]) / np.trace(total[:3, :3])),
-                "share_velocity": float(np.trace(part[3:, 3:]) / np.trace(total[3:, 3:])),
-            }
-        )
-    return sorted(rows, key=lambda row: -row["share_position"])
-
-
 def _sigmas(prefix: str, covariance: Array) -> dict[str, float]:
     """Root traces of the position and velocity blocks."""
     return {
@@ -170,21 +142,6 @@ def _unit(scene: Scene, source: str, name: str) -> tuple[str, float]:
     return ("s", 1.0) if group == "timing" else ("", 1.0)
 
 
-def _ratio(ratio: NoiseToNuisance | None) -> dict[str, Any]:
-    """The noise-to-nuisance block; empty where nothing but noise disturbs the measurements."""
-    if ratio is None:
-        return {}
-    return {
-        "eta_db_mean": _finite(ratio.eta_db_mean),
-        "eta_effective_db_mean": _finite(float(np.mean(ratio.eta_effective_db))),
-        "eta_db": [_finite(value) for value in ratio.eta_db],
-        "sigma_z_critical_km": [_finite(value) for value in ratio.sigma_critical],
-        "sigma_z_limit_km": {
-            f"{eta_db}_dB": _finite(float(np.median(ratio.sigma_limit(float(eta_db))))) for eta_db in (0, 20, 40)
-        },
-    }
-
-
 def _physics(scene: Scene) -> dict[str, Any]:
     mission = scene.mission
     values = {parameter.name: parameter.value for parameter in mission.parameters}
@@ -212,9 +169,15 @@ def _assumptions(scene: Scene) -> list[str]:
     return said
 
 
-def _warnings(scene: Scene, fits: Sequence[Fit]) -> list[str]:
+def _warnings(scene: Scene, fits: Sequence[Fit], findings: Findings) -> list[str]:
     """What a reader must know before trusting the numbers."""
     said = []
+    for row in findings.predictions:
+        if row["nonlinearity"]["misleads"]:
+            said.append(
+                f"{row['estimator']}: the linear ellipse of {row['name']} misleads: the second-order term is "
+                f"{row['nonlinearity']['measure']:.2g} of its sigmas"
+            )
     for telescope, seen in zip(scene.telescopes, scene.visibilities):
         if not seen.visible.any():
             said.append(f"{telescope.name} never sees the object: {seen.explain()}")

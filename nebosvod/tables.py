@@ -7,14 +7,15 @@ import numpy as np
 import numpy.typing as npt
 
 from nebosvod.assembly import View
+from nebosvod.assessment import Findings
+from nebosvod.blame import REMEDIES
 from nebosvod.fitting import Fit
 from nebosvod.observation import Common, residual
-from nebosvod.predictions import ARCSEC, Quantity, prediction_row
+from nebosvod.predictions import ARCSEC
 from nebosvod.prior import STATE_NAMES
 from nebosvod.report.folder import slug
 from nebosvod.result import Table
 from nebosvod.scene import Scene
-from nebosvod.summary import budget_rows
 
 Array = npt.NDArray[np.float64]
 Arrays = dict[str, npt.NDArray[Any]]
@@ -81,9 +82,7 @@ def _root_sum(sigma: Array) -> Array:
     return total
 
 
-def all_tables(
-    scene: Scene, nominal: View, fits: Sequence[Fit], psi: Array, predicted: Mapping[str, Sequence[Quantity]]
-) -> dict[str, Table]:
+def all_tables(scene: Scene, nominal: View, fits: Sequence[Fit], psi: Array, findings: Findings) -> dict[str, Table]:
     """The tables of a run, for people and spreadsheets."""
     found = [one for one in fits if one.estimate.solution is not None]
     tables = {
@@ -93,20 +92,22 @@ def all_tables(
     }
     if found:
         tables["budget"] = _rows_table(
-            [row for one in found for row in budget_rows(one)],
-            {"sigma_position_km": "km", "sigma_velocity_m_s": "m / s"},
-            "What each source contributes to the state at the reference epoch; squares of the sigmas add up",
+            [_flat_budget(row) for row in findings.budget],
+            BUDGET_UNITS,
+            "What each source contributes to the state at the reference epoch, squares of the sigmas add up; and the "
+            "sigma if it vanished or halved, with the gain as it is and re-optimised",
         )
     for one in found:
         if one.history is not None:
             tables[f"sigma_history_{slug(one.estimator.name)}"] = _history(one)
-    rows = [
-        _flat(prediction_row(asked, one.estimate, one.estimator.name))
-        for one in found
-        for asked in predicted[one.estimator.name]
-    ]
+    rows = [_flat(row) for row in findings.predictions]
     if rows:
         tables["predictions"] = _rows_table(rows, {}, "Predicted quantities, one component a row, 1 sigma")
+        tables["prediction_budget"] = _rows_table(
+            [line for row in findings.predictions for line in _flat_sources(row)],
+            {},
+            "What each source contributes to each component of a prediction, and the sigma if it vanished or halved",
+        )
     return tables
 
 
@@ -196,6 +197,41 @@ def _flat(row: Mapping[str, Any]) -> dict[str, Any]:
         "sigma": " ".join(f"{value:.9g}" for value in row[f"sigma_{unit}"]),
         "sigma_formal": " ".join(f"{value:.9g}" for value in row[f"sigma_formal_{unit}"]),
     }
+
+
+BUDGET_UNITS = {
+    f"{prefix}sigma_{what}{suffix}": unit
+    for what, unit in (("position_km", "km"), ("velocity_m_s", "m / s"))
+    for prefix, suffix in (
+        ("", ""),
+        *((f"{remedy}_", f"_{gain}_gain") for remedy in REMEDIES for gain in ("same", "new")),
+    )
+}
+
+
+def _flat_budget(row: Mapping[str, Any]) -> dict[str, Any]:
+    """One source of the state's budget as scalars."""
+    plain = ("estimator", "source", "sigma_position_km", "sigma_velocity_m_s", "share_position", "share_velocity")
+    flat = {key: row[key] for key in plain}
+    for remedy in REMEDIES:
+        flat |= {f"{remedy}_{key}": np.nan if value is None else value for key, value in row[remedy].items()}
+    return flat
+
+
+def _flat_sources(row: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """The budget of one prediction, a line for each source and component."""
+    unit = next(key.removeprefix("semi_axes_") for key in row if key.startswith("semi_axes_"))
+    lines = []
+    for source in row["budget"]:
+        for k, share in enumerate(source["share"]):
+            line = {"name": row["name"], "estimator": row["estimator"], "source": source["source"], "component": k}
+            line |= {"unit": unit, "share": share, "sigma": source[f"sigma_{unit}"][k]}
+            for remedy in REMEDIES:
+                for gain in ("same", "new"):
+                    values = source[remedy][f"sigma_{unit}_{gain}_gain"]
+                    line[f"{remedy}_{gain}_gain"] = np.nan if values is None else values[k]
+            lines.append(line)
+    return lines
 
 
 def _rows_table(rows: Sequence[Mapping[str, Any]], units: Mapping[str, str], description: str) -> Table:

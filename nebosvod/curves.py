@@ -1,0 +1,188 @@
+"""Curves of accuracy: the sigma of each prediction against the number of measurements, arc, cadence and noise.
+
+Against the number of measurements four curves stand together, as in the first figure of the source: noise only (the
+state from noisy measurements, nothing else uncertain), prior only (a level), noise and prior of the dynamics, and
+everything. Each is one O(n) pass of the sequential filter, in time order, so the same pass is the curve against the
+arc. Repeating one geometry N times gives the slope -1/2 in logarithms; a growing arc does better.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from nebosvod.estimation import LinearProblem, batch, budget, recursive
+from nebosvod.estimation.subset import subset
+from nebosvod.fitting import Fit
+from nebosvod.predictions import Quantity, known_partials
+from nebosvod.prior import STATE_NAMES
+from nebosvod.timescale import SECONDS_PER_DAY
+
+Array = npt.NDArray[np.float64]
+POINTS = 40  # of a curve against the number of measurements
+SPARSER = (1, 2, 4, 8, 16, 32, 64)
+NOISE_FACTORS = tuple(float(f) for f in 10.0 ** np.arange(-2.0, 2.01, 0.5))
+EXPECTED_SLOPE = -0.5
+FEWEST = 4  # measurements of a telescope, below which a sparser cadence is not tried
+
+
+def curves(fit: Fit, asked: Sequence[Quantity]) -> list[dict[str, Any]]:
+    """The `curves` block: one entry a prediction, total sigmas (root of the summed variances)."""
+    counted, thinned, noisy = by_count(fit, asked), by_cadence(fit, asked), by_noise(fit, asked)
+    return [
+        {
+            "prediction": quantity.request.name,
+            "estimator": fit.estimator.name,
+            "unit": quantity.unit,
+            "measurements": counted[index],
+            "cadence": thinned[index],
+            "telescope_noise": noisy[index],
+        }
+        for index, quantity in enumerate(asked)
+    ]
+
+
+def noise_only(problem: LinearProblem) -> LinearProblem:
+    """The state from noisy measurements with everything else known exactly and nothing known of the state."""
+    blocks = tuple(b if b.names == STATE_NAMES else replace(b, treatment="fixed") for b in problem.blocks)
+    return replace(problem, blocks=blocks, priors=(), white=(), markov=())
+
+
+def noise_and_prior(problem: LinearProblem, dynamic: Sequence[str]) -> LinearProblem:
+    """The state and the dynamic parameters with their priors; nothing uncertain about the telescopes."""
+    kept = {*STATE_NAMES, *dynamic}
+    blocks = tuple(b if set(b.names) <= kept else replace(b, treatment="fixed") for b in problem.blocks)
+    priors = tuple(prior for prior in problem.priors if set(prior.names) <= kept)
+    return replace(problem, blocks=blocks, priors=priors, white=(), markov=())
+
+
+def by_count(fit: Fit, asked: Sequence[Quantity]) -> list[dict[str, Any]]:
+    """Sigmas after each measurement, thinned to even steps of the logarithm, with the slope of the last octave."""
+    problem, t_s = fit.problem, fit.observation.t_s
+    dynamic = fit.observation.parameter_names
+    worlds = {
+        "noise_only": noise_only(problem),
+        "noise_and_prior": noise_and_prior(problem, dynamic),
+        "all": problem,
+    }
+    n = problem.n
+    place = np.unique(np.round(np.geomspace(1, n, POINTS)).astype(np.int64)) - 1
+    rows: list[dict[str, Any]] = [
+        {
+            "count": (place + 1).tolist(),
+            "days": ((t_s[place] - t_s[0]) / SECONDS_PER_DAY).tolist(),
+            "expected_slope": EXPECTED_SLOPE,
+            "slope": {},
+        }
+        for _ in asked
+    ]
+    for name, world in worlds.items():
+        for row, quantity, total in zip(rows, asked, _followed(world, asked)):
+            row[f"{name}_{quantity.unit}"] = [_finite(value) for value in total[place]]
+            row["slope"][name] = last_slope(np.arange(1.0, n + 1.0), total)
+    for row, quantity in zip(rows, asked):
+        row[f"prior_only_{quantity.unit}"] = prior_sigma(problem, quantity)
+    return rows
+
+
+def prior_sigma(problem: LinearProblem, quantity: Quantity) -> float | None:
+    """Total sigma of a quantity from the priors alone; None while some of the state has no prior."""
+    place = {name: index for index, name in enumerate(quantity.names)}
+    variance, known = 0.0, set()
+    for prior in problem.priors:
+        inside = [index for index, name in enumerate(prior.names) if name in place]
+        W = quantity.partials[:, [place[prior.names[index]] for index in inside]]
+        variance += float(np.trace(W @ prior.truth[np.ix_(inside, inside)] @ W.T))
+        known |= set(prior.names)
+    return float(np.sqrt(variance)) if set(STATE_NAMES) <= known else None
+
+
+def by_cadence(fit: Fit, asked: Sequence[Quantity]) -> list[dict[str, Any]]:
+    """Sigmas with every m-th exposure of each telescope, the arc being the same; all nuisances as they are."""
+    problem, index = fit.problem, fit.observation.telescope_index
+    order = np.zeros(problem.n, dtype=np.int64)
+    for number in np.unique(index):
+        order[index == number] = np.arange(np.count_nonzero(index == number))
+    fewest = min(int(np.count_nonzero(index == number)) for number in np.unique(index))
+    steps = [m for m in SPARSER if m == 1 or fewest // m >= FEWEST]
+    parts = [subset(problem, order % m == 0) for m in steps]
+    counts = [part.n for part in parts]
+    return [
+        {
+            "every": steps,
+            "count": counts,
+            f"sigma_total_{quantity.unit}": [_finite(value) for value in values],
+            "slope": last_slope(np.array(counts[::-1], dtype=np.float64), np.array(values[::-1])),
+            "expected_slope": EXPECTED_SLOPE,
+        }
+        for quantity, values in zip(asked, _totals(parts, asked))
+    ]
+
+
+def by_noise(fit: Fit, asked: Sequence[Quantity]) -> list[dict[str, Any]]:
+    """Sigmas with the noise of all telescopes scaled, gains re-optimised: a floor of nuisances, then slope 1."""
+    worlds = []
+    for factor in NOISE_FACTORS:
+        world = fit.problem
+        for name in world.noise_names:
+            world = budget.scaled(world, name, factor)
+        worlds.append(world)
+    factors = np.array(NOISE_FACTORS)
+    return [
+        {
+            "factor": list(NOISE_FACTORS),
+            f"sigma_total_{quantity.unit}": [_finite(value) for value in values],
+            "slope_quiet": last_slope(1.0 / factors[:3], np.array(values[:3]), -1.0),
+            "slope_noisy": last_slope(factors[-3:], np.array(values[-3:])),
+            "expected_slope_noisy": 1.0,
+        }
+        for quantity, values in zip(asked, _totals(worlds, asked))
+    ]
+
+
+def last_slope(x: Array, sigma: Array, sign: float = 1.0) -> float | None:
+    """Slope of log sigma against log x over the last octave of x (all of it if that holds under three points)."""
+    inside = x >= 0.5 * x.max()
+    if np.count_nonzero(inside) < 3:
+        inside = np.ones(len(x), dtype=bool)
+    inside &= np.isfinite(sigma) & (sigma > 0.0)
+    if np.count_nonzero(inside) < 3:
+        return None
+    return float(sign * np.polyfit(np.log(x[inside]), np.log(sigma[inside]), 1)[0])
+
+
+def _followed(problem: LinearProblem, asked: Sequence[Quantity]) -> list[Array]:
+    """Total sigma (n,) of each quantity after each measurement, all in one pass; formal where truth has no history."""
+    known = set(problem.names("estimated", "considered", "ignored"))
+    names = tuple(dict.fromkeys(name for quantity in asked for name in quantity.names if name in known))
+    blocks = []
+    for quantity in asked:
+        W = np.zeros((len(quantity.partials), len(names)))
+        for column, name in enumerate(quantity.names):
+            if name in known:
+                W[:, names.index(name)] = quantity.partials[:, column]
+        blocks.append(W)
+    formal, true = recursive.follow(problem, np.vstack(blocks), names)
+    sigma = formal if true is None else true
+    edges = np.cumsum([len(W) for W in blocks])[:-1]
+    return [np.sqrt(np.sum(part**2, axis=1)) for part in np.split(sigma, edges, axis=1)]
+
+
+def _totals(problems: Sequence[LinearProblem], asked: Sequence[Quantity]) -> list[list[float]]:
+    """Total sigma of each quantity in each problem; inf where it is not observable."""
+    found: list[list[float]] = [[] for _ in asked]
+    for problem in problems:
+        estimate = batch.solve(problem)
+        for values, quantity in zip(found, asked):
+            if estimate.solution is None:
+                values.append(float("inf"))
+            else:
+                factors = estimate.predict(*known_partials(quantity, estimate)).factors
+                values.append(float(np.sqrt(sum(np.sum(G**2) for G in factors.values()))))
+    return found
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None

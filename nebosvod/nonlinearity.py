@@ -1,0 +1,188 @@
+"""How far a prediction is from linear: the orbit re-propagated from points of the error ellipsoid, and from draws.
+
+The error of the estimate is factored as K = S S^T with the columns of S ordered by how much they move the predictions.
+Along each column the orbit is propagated anew from +-sqrt(3) sigma (the chord of a Gaussian's fourth moment) and every
+prediction evaluated on it: the even part is the second-order term C_i of that direction, w = w_0 + sum D_i eta_i +
+1/2 C_i eta_i^2. Its mean shift is 1/2 sum C_i, exactly the trace of the second-order term; its spread, without the
+cross terms, 1/2 sum C_i C_i^T. In sigmas of the linear ellipse the two make one measure.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from nebosvod.errors import EventError, InputError
+from nebosvod.estimation import Estimate
+from nebosvod.fitting import Fit
+from nebosvod.predictions import ARCSEC, M_PER_KM, Quantity, known_partials, quantity
+from nebosvod.prior import STATE_NAMES
+from nebosvod.scene import Scene
+
+Array = npt.NDArray[np.float64]
+CHORD = float(np.sqrt(3.0))
+MISLEADS = 0.3  # rms departure in sigmas: it adds a tenth to the variance of that direction
+INTERVAL = 0.95
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Curvature:
+    """Second-order behaviour of one prediction.
+
+    Attributes
+    ----------
+    shift : (d,) mean of the second-order term, in the unit of the prediction.
+    spread : (d,) its standard deviation, without cross terms.
+    measure : rms departure in sigmas of the linear ellipse, over all directions.
+    """
+
+    shift: Array
+    spread: Array
+    measure: float
+
+
+def curvature(second: Array, factor: Array) -> Curvature:
+    """From second-order terms C_i (r, d) of unit draws and the linear factor (d, .) of the prediction."""
+    shift = 0.5 * second.sum(axis=0)
+    left, lengths, _ = np.linalg.svd(np.hstack([factor, np.zeros((len(factor),) * 2)]), full_matrices=False)
+    kept = lengths > 1e-12 * lengths[0]
+    white = (np.vstack([shift, second]) @ left[:, kept]) / lengths[kept]
+    return Curvature(
+        shift=shift,
+        spread=np.sqrt(0.5 * np.sum(second**2, axis=0)),
+        measure=float(np.sqrt(np.sum(white[0] ** 2) + 0.5 * np.sum(white[1:] ** 2))),
+    )
+
+
+def ordered_factor(estimate: Estimate, names: Sequence[str], asked: Sequence[Quantity]) -> Array:
+    """Factor S (k, r) of the error of the named parameters, columns ordered by their effect on the predictions."""
+    S = np.asarray(estimate.factor(names))
+    rows = []
+    for one in asked:
+        W = np.zeros((len(one.partials), len(names)))
+        for column, name in enumerate(one.names):
+            if name in names:
+                W[:, names.index(name)] = one.partials[:, column]
+        moved = W @ S
+        sigma = np.linalg.norm(moved, axis=1)
+        rows.append(moved[sigma > 0.0] / sigma[sigma > 0.0, None])
+    _, _, turn = np.linalg.svd(np.vstack([*rows, np.zeros((1, S.shape[1]))]), full_matrices=True)
+    factor: Array = S @ turn.T
+    return factor
+
+
+def displaced(base: Quantity, other: Quantity) -> Array | None:
+    """What another orbit changes in a quantity, on the axes of the base (d,); None where that is not defined."""
+    if base.unit == "arcsec":
+        turn = np.radians(other.facts["ra_deg"] - base.facts["ra_deg"])
+        turn = (turn + np.pi) % (2.0 * np.pi) - np.pi
+        north = np.radians(base.facts["dec_deg"])
+        return np.array([turn * np.cos(north), np.radians(other.facts["dec_deg"]) - north]) / ARCSEC
+    if base.axes is None:
+        return None if base.value is None or other.value is None else np.asarray(other.value - base.value)
+    if base.value is None:
+        key, scale = ("velocity_km_s", M_PER_KM) if base.unit == "m_s" else ("position_km", 1.0)
+        return np.asarray(scale * base.axes @ (np.array(other.facts[key]) - np.array(base.facts[key])))
+    if other.value is None or other.axes is None:
+        return None
+    point = other.value[0] * other.axes[0] + other.value[1] * other.axes[2]
+    if base.request.plane == "mtp":  # along the other orbit's direction into the base's plane
+        point = point - (base.axes[1] @ point) / (base.axes[1] @ other.axes[1]) * other.axes[1]
+    return np.asarray(base.axes[[0, 2]] @ point - base.value)
+
+
+def moved_quantities(scene: Scene, fit: Fit, asked: Sequence[Quantity], deviation: Mapping[str, float]) -> list[Any]:
+    """Displacement (d,) of each quantity on the orbit moved by a deviation; None where it has no value there."""
+    point = fit.point.moved(deviation)
+    try:
+        trajectory = scene.propagate(point.state, scene.forces.with_values(point.parameters))
+    except (EventError, InputError):  # hits a body before a date asked about; a mass below zero
+        return [None for _ in asked]
+    found: list[Any] = []
+    for one in asked:
+        try:
+            found.append(displaced(one, quantity(scene, trajectory, one.request)))
+        except InputError:  # no encounter of this kind on that orbit
+            found.append(None)
+    return found
+
+
+def nonlinearity(scene: Scene, fit: Fit, asked: Sequence[Quantity]) -> list[dict[str, Any]]:
+    """The `nonlinearity` entry of each prediction of one estimator."""
+    estimate = fit.estimate
+    names = tuple(n for n in (*STATE_NAMES, *fit.observation.parameter_names) if n in estimate.names)
+    S = ordered_factor(estimate, names, asked)
+    ends = [
+        [
+            moved_quantities(scene, fit, asked, dict(zip(names, (sign * CHORD * column).tolist())))
+            for sign in (1.0, -1.0)
+        ]
+        for column in S.T
+    ]
+    rows = []
+    for index, one in enumerate(asked):
+        pairs = [(up[index], down[index]) for up, down in ends]
+        row: dict[str, Any] = {"method": "orbits propagated from +-sqrt(3) sigma", "orbits": 2 * len(pairs)}
+        if any(up is None or down is None for up, down in pairs):
+            empty = (f"mean_shift_{one.unit}", f"second_order_sigma_{one.unit}", "measure", "misleads")
+            rows.append(row | dict.fromkeys(empty) | {"reason": "an orbit at 1.7 sigma has no such prediction"})
+            continue
+        second = np.array([(up + down) / CHORD**2 for up, down in pairs])
+        found = curvature(second, estimate.predict(*known_partials(one, estimate)).factor)
+        rows.append(
+            row
+            | {
+                f"mean_shift_{one.unit}": found.shift.tolist(),
+                f"second_order_sigma_{one.unit}": found.spread.tolist(),
+                "measure": found.measure,
+                "misleads": found.measure > MISLEADS,
+                "reason": None,
+            }
+        )
+    return rows
+
+
+def clones(scene: Scene, fit: Fit, asked: Sequence[Quantity], runs: int, seed: int) -> list[Array]:
+    """Displacements (runs, d) of each quantity on orbits drawn from the error of the estimate; nan where undefined.
+
+    Draw i comes from SeedSequence(seed, spawn_key=(1, i)).
+    """
+    estimate = fit.estimate
+    names = tuple(n for n in (*STATE_NAMES, *fit.observation.parameter_names) if n in estimate.names)
+    S = estimate.factor(names)
+    found = [np.full((runs, len(one.partials)), np.nan) for one in asked]
+    for i in range(runs):
+        rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(1, i)))
+        drawn = dict(zip(names, (S @ rng.standard_normal(S.shape[1])).tolist()))
+        for points, moved in zip(found, moved_quantities(scene, fit, asked, drawn)):
+            if moved is not None:
+                points[i] = moved
+    return found
+
+
+def impact_share(one: Quantity, points: Array) -> dict[str, Any]:
+    """Share of drawn orbits inside the capture disc, with its exact binomial interval (Clopper, Pearson 1934)."""
+    from scipy.special import betaincinv
+
+    if one.value is None:
+        raise ValueError(f"{one.request.name} is not a point of a target plane")
+    valid = points[np.isfinite(points).all(axis=1)]
+    hits = int(np.count_nonzero(np.hypot(*(valid + one.value).T) <= one.facts["capture_radius_km"]))
+    n, tail = len(valid), 0.5 * (1.0 - INTERVAL)
+    low = float(betaincinv(hits, n - hits + 1, tail)) if hits > 0 else 0.0
+    high = float(betaincinv(hits + 1, n - hits, 1.0 - tail)) if hits < n else 1.0
+    return {"runs": n, "hits": hits, "probability": hits / n if n else None, "interval_95": [low, high]}
+
+
+def spread_of(one: Quantity, points: Array) -> dict[str, Any]:
+    """Mean displacement and standard deviation of drawn orbits, to be held against the linear ones."""
+    valid = points[np.isfinite(points).all(axis=1)]
+    row: dict[str, Any] = {"runs": len(points), "undefined": len(points) - len(valid)}
+    if len(valid) < 2:
+        return row | {f"mean_shift_{one.unit}": None, f"sigma_{one.unit}": None}
+    return row | {
+        f"mean_shift_{one.unit}": valid.mean(axis=0).tolist(),
+        f"sigma_{one.unit}": valid.std(axis=0, ddof=1).tolist(),
+    }

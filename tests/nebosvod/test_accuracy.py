@@ -1,0 +1,131 @@
+"""Five accuracies side by side: their order, each against a second way, and the sentence when they disagree."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from nebosvod.accuracy import boxed, comparison, statement, thinned, worst_sigmas
+from nebosvod.assembly import View, computed_psi
+from nebosvod.estimation import guaranteed
+from nebosvod.estimation.sources import measurement_gain
+from nebosvod.fitting import Fit, fit
+from nebosvod.mission import Mission, load_mission_text
+from nebosvod.montecarlo import repeat
+from nebosvod.predictions import Quantity, known_partials, quantity
+from nebosvod.prior import PriorTable
+from nebosvod.scene import Scene
+
+Setting = tuple[Scene, PriorTable, View]
+MakeSetting = Callable[[Mission], Setting]
+
+
+def solved(setting: Setting) -> tuple[Scene, Fit, list[Quantity]]:
+    scene, priors, nominal = setting
+    one = fit(scene, scene.mission.estimators[0], nominal, computed_psi(nominal), priors)
+    return scene, one, [quantity(scene, one.trajectory, request) for request in scene.mission.predictions]
+
+
+def test_the_five_stand_in_order_and_monte_carlo_confirms_the_extended(minimal_setting: Setting) -> None:
+    scene, one, asked = solved(minimal_setting)
+    _, priors, nominal = minimal_setting
+    sample = repeat(scene, one.estimator, nominal, priors, 400, 3)
+    name = one.estimator.name
+    rows = comparison(scene, [one], {name: asked}, {name: sample})["rows"]
+    assert len(rows) == 3
+    for row in rows:
+        assert row["formal"] == pytest.approx(row["extended"], rel=1e-9)
+        assert row["extended"] <= row["worst_correlation"] <= row["worst_any_correlation"]
+        assert row["guaranteed"] > 3.0 * row["extended"]  # the box holds every 3-sigma error of each source alone
+        low, high = row["monte_carlo_interval_99"]
+        assert low < row["extended"] < high
+        assert high - low < 0.25 * row["extended"]  # 400 runs: +- 2.58 / sqrt(800) of the sigma
+        assert "Monte Carlo confirms" in row["statement"]
+
+
+def test_an_ignored_bias_makes_the_estimator_optimistic_and_is_named(
+    make_setting: MakeSetting, minimal_text: str
+) -> None:
+    text = minimal_text + "estimators: [{name: blind, method: batch_qr, treatment: {bias: ignored}}]\n"
+    scene, one, asked = solved(make_setting(load_mission_text(text)))
+    rows = comparison(scene, [one], {"blind": asked}, {})["rows"]
+    worst = max(rows, key=lambda row: row["extended"] / row["formal"])
+    assert worst["extended"] > 1.5 * worst["formal"]
+    assert "times too small, which leaves bias" in worst["statement"]
+    assert worst["monte_carlo"] is None
+    assert "no monte_carlo" in worst["monte_carlo_reason"]
+
+
+def test_no_correlation_of_the_family_is_worse_than_the_worst(minimal_setting: Setting) -> None:
+    _, one, asked = solved(minimal_setting)
+    W, names = known_partials(asked[0], one.estimate)
+    worst, bound = worst_sigmas(one, W, names)
+    place = [one.estimate.names.index(name) for name in names]
+    gain = measurement_gain(one.problem)[:, :, place] @ W.T
+    rest = one.estimate.predict(W, names)
+    noise = one.problem.noise_names
+    other = sum(np.diag(share) for name, share in rest.shares.items() if name not in noise)
+    t, label = one.observation.t_s, one.problem.noise_label
+    L = np.linalg.cholesky(one.problem.R)
+    weights = np.einsum("npi,npd->nid", L, gain)
+    for days in (0.5, 3.0, 30.0, 1e4):
+        K = np.exp(-np.abs(t[:, None] - t) / (86400.0 * days)) * (label[:, None] == label)
+        variance = np.einsum("nid,nm,mid->d", weights, K, weights) + other
+        assert np.all(np.sqrt(variance) <= worst * (1 + 1e-6))
+    signs = np.einsum("nid->d", np.abs(weights)) ** 2 + other
+    np.testing.assert_allclose(bound, np.sqrt(signs), rtol=1e-9)
+
+
+def test_leaving_measurements_out_only_widens_a_guaranteed_bound(minimal_setting: Setting) -> None:
+    _, one, asked = solved(minimal_setting)
+    W, names = known_partials(asked[0], one.estimate)
+    every = guaranteed.largest_error(one.problem, W, names)
+    few = thinned(one.problem, 32)
+    assert few.n <= 32
+    fewer = guaranteed.largest_error(few, W, names)
+    assert np.all(fewer >= every * (1 - 1e-9))
+    assert np.all(fewer < 1.3 * every)
+
+
+def test_the_box_of_a_slow_error_holds_each_of_its_histories(make_setting: MakeSetting, minimal_text: str) -> None:
+    """A bound for free draws at each measurement is above that for a constant error of the same size."""
+    slow = minimal_text.replace("correlation: white", "correlation: gauss_markov, time: 1e6 d")
+    still = minimal_text.replace("correlation: white", "correlation: constant")
+    bounds = []
+    for text in (slow, still):
+        _, one, asked = solved(make_setting(load_mission_text(text)))
+        bounds.append(guaranteed.largest_error(boxed(one.problem), *known_partials(asked[0], one.estimate)))
+    assert not boxed(one.problem).markov
+    assert np.all(bounds[0] >= bounds[1] * (1 - 1e-6))
+
+
+def test_monte_carlo_of_a_quantity_that_is_not_estimated_says_why_there_is_none(
+    make_setting: MakeSetting, minimal_text: str
+) -> None:
+    text = minimal_text + "estimators: [{name: part, method: batch_qr, treatment: {radius: considered}}]\n"
+    setting = make_setting(load_mission_text(text))
+    scene, one, asked = solved(setting)
+    sample = repeat(scene, one.estimator, setting[2], setting[1], 2, 0)
+    row = comparison(scene, [one], {"part": asked}, {"part": sample})["rows"][0]
+    assert row["monte_carlo"] is None
+    assert "radius_m is not estimated" in row["monte_carlo_reason"]
+
+
+def test_a_statement_tells_optimism_pessimism_and_contradiction() -> None:
+    row = {"formal": 1.0, "extended": 2.0, "worst_correlation": 2.0, "guaranteed": None, "monte_carlo": None}
+    assert statement(row, "bias A") == (
+        "The estimator's own sigma is 2 times too small, which leaves bias A out of its weights."
+    )
+    assert "2 times too large" in statement(row | {"formal": 4.0}, None)
+    drawn = row | {"formal": 2.0, "monte_carlo": 3.0, "monte_carlo_interval_99": [2.5, 3.5]}
+    assert statement(drawn, None) == "Formal and extended accuracy agree. Monte Carlo contradicts the extended sigma."
+
+
+def test_a_comparison_of_one_estimator_does_not_depend_on_the_residuals(minimal_setting: Setting) -> None:
+    scene, one, asked = solved(minimal_setting)
+    name = one.estimator.name
+    moved = replace(one, problem=replace(one.problem, residual=one.problem.residual + 1e-6))
+    first, second = (comparison(scene, [f], {name: asked}, {})["rows"] for f in (one, moved))
+    for a, b in zip(first, second):
+        assert a["guaranteed"] == pytest.approx(b["guaranteed"], rel=1e-9)

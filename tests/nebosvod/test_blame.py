@@ -1,0 +1,152 @@
+"""Who is to blame, and how well a telescope must be known: each answer against a mission that says it outright."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from nebosvod.assembly import View, computed_psi
+from nebosvod.blame import Worlds, prediction_rows, state_rows
+from nebosvod.fitting import Fit, fit
+from nebosvod.mission import Mission, load_mission_text
+from nebosvod.predictions import Quantity, known_partials, quantity
+from nebosvod.prior import PriorTable
+from nebosvod.required import required
+from nebosvod.scene import Scene
+
+Setting = tuple[Scene, PriorTable, View]
+MakeSetting = Callable[[Mission], Setting]
+NOISE = "noise: {sigma: 0.1 arcsec}"
+BIAS = "bias: {sigma: 0.05 arcsec, treatment: estimated}"
+POSITION = "position: {sigma: 3 km, correlation: white, treatment: estimated}"
+
+
+def solved(setting: Setting) -> tuple[Scene, Fit, list[Quantity]]:
+    """The first estimator on measurements without errors, and its predictions."""
+    scene, priors, nominal = setting
+    one = fit(scene, scene.mission.estimators[0], nominal, computed_psi(nominal), priors)
+    return scene, one, [quantity(scene, one.trajectory, request) for request in scene.mission.predictions]
+
+
+def total_sigma(make_setting: MakeSetting, text: str) -> float:
+    """Total sigma of the first prediction of a mission."""
+    _, one, asked = solved(make_setting(load_mission_text(text)))
+    return float(np.linalg.norm(one.estimate.predict(*known_partials(asked[0], one.estimate)).factor))
+
+
+def changed(text: str, old: str, new: str) -> str:
+    """The text with one block changed, for the telescope `ahead` and so for `behind`, which is like it."""
+    assert old in text
+    return text.replace(old, new)
+
+
+BEHIND = "{name: behind, like: ahead, orbit: {lead: -10 deg}"
+
+
+@pytest.mark.parametrize(
+    ("source", "remedy", "own"),
+    [
+        ("measurement noise behind", "if_halved", "noise: {sigma: 0.05 arcsec}"),
+        ("bias behind", "if_halved", "bias: {sigma: 0.025 arcsec, treatment: estimated}"),
+        ("telescope position behind", "if_halved", "position: {sigma: 1.5 km, correlation: white}"),
+        ("telescope position behind", "if_vanished", "position: {sigma: 1e-6 km, correlation: white}"),
+        ("bias behind", "if_vanished", "bias: {sigma: 1e-9 arcsec, treatment: estimated}"),
+    ],
+)
+def test_a_remedy_with_a_new_gain_is_the_mission_that_says_it(
+    make_setting: MakeSetting, minimal_setting: Setting, minimal_text: str, source: str, remedy: str, own: str
+) -> None:
+    scene, one, asked = solved(minimal_setting)
+    row = next(r for r in prediction_rows(scene, Worlds.of(one), asked[0]) if r["source"] == source)
+    wanted = total_sigma(make_setting, changed(minimal_text, BEHIND, f"{BEHIND}, {own}"))
+    assert row[remedy]["sigma_total_km_new_gain"] == pytest.approx(wanted, rel=1e-5)
+    assert row["telescopes"] == ["behind"]
+
+
+def test_with_the_gain_as_it_is_a_remedy_takes_its_share_of_the_variance(minimal_setting: Setting) -> None:
+    scene, one, asked = solved(minimal_setting)
+    worlds = Worlds.of(one)
+    found = one.estimate.predict(*known_partials(asked[0], one.estimate))
+    rows = prediction_rows(scene, worlds, asked[0])
+    assert sum(row["share_total"] for row in rows) == pytest.approx(1.0, rel=1e-12)
+    assert [row["share_total"] for row in rows] == sorted((row["share_total"] for row in rows), reverse=True)
+    for row in rows:
+        part = np.diag(found.shares[row["source"]])
+        for remedy, lost in (("if_vanished", 1.0), ("if_halved", 0.75)):
+            wanted = np.sqrt(np.diag(found.covariance) - lost * part)
+            np.testing.assert_allclose(row[remedy]["sigma_km_same_gain"], wanted, rtol=1e-9)
+            assert row[remedy]["sigma_total_km_new_gain"] <= row[remedy]["sigma_total_km_same_gain"] * (1 + 1e-9)
+
+
+def test_the_budget_of_the_state_adds_up_and_knows_its_telescopes(minimal_setting: Setting) -> None:
+    scene, one, _ = solved(minimal_setting)
+    rows = state_rows(scene, one, Worlds.of(one))
+    for key in ("share_position", "share_velocity"):
+        assert sum(row[key] for row in rows) == pytest.approx(1.0, rel=1e-12)
+    for name in rows[0]["share_parameters"]:
+        assert sum(row["share_parameters"][name] for row in rows) == pytest.approx(1.0, rel=1e-9)
+    behind = {row["source"]: row["telescopes"] for row in rows}
+    assert behind["radius"] == []
+    assert behind["measurement noise ahead"] == ["ahead"]
+    total = float(np.sqrt(np.trace(one.estimate.covariance(("x_km", "y_km", "z_km")))))
+    for row in rows:
+        assert row["if_vanished"]["sigma_position_km_same_gain"] <= total
+
+
+@pytest.mark.parametrize("index", [0, 1, 2])
+def test_a_telescope_known_as_well_as_required_costs_just_the_growth_stated(
+    make_setting: MakeSetting, minimal_setting: Setting, minimal_text: str, index: int
+) -> None:
+    scene, one, asked = solved(minimal_setting)
+    row = next(r for r in required(scene, one, asked) if r["telescope"] == "behind")
+    limit = row["limits"][index]
+    if limit["sigma_position_new_gain_km"] is None:
+        assert "no size does it" in limit["reason"]
+        return
+    own = f"position: {{sigma: {limit['sigma_position_new_gain_km']!r} km, correlation: white}}"
+    there = total_sigma(make_setting, changed(minimal_text, BEHIND, f"{BEHIND}, {own}"))
+    perfect = f"{BEHIND}, position: {{sigma: 1e-7 km, correlation: white, treatment: estimated}}"
+    best = total_sigma(make_setting, changed(minimal_text, BEHIND, perfect))
+    assert row["sigma_total_perfect_km"] == pytest.approx(best, rel=1e-6)
+    # the root is found to 1e-3 of the size, so to 2e-3 of the growth of the variance
+    assert there / best - 1.0 == pytest.approx(limit["growth_percent"] / 100.0, rel=3e-3)
+
+
+def test_with_the_gain_as_it_is_the_required_size_follows_from_the_share(minimal_setting: Setting) -> None:
+    scene, one, asked = solved(minimal_setting)
+    row = next(r for r in required(scene, one, asked) if r["telescope"] == "ahead")
+    found = one.estimate.predict(*known_partials(asked[0], one.estimate))
+    own = np.trace(found.shares["telescope position ahead"])
+    rest = np.trace(found.covariance) - own
+    assert row["sigma_position_now_km"] == pytest.approx(3.0, rel=1e-12)
+    for limit in row["limits"]:
+        f = limit["sigma_position_same_gain_km"] / 3.0
+        assert np.sqrt(1.0 + f**2 * own / rest) == pytest.approx(1.0 + limit["growth_percent"] / 100.0, rel=1e-9)
+
+
+def test_a_mission_without_position_errors_still_says_how_well_positions_must_be_known(
+    make_setting: MakeSetting, minimal_text: str
+) -> None:
+    bare = changed(minimal_text, f"    {POSITION}\n", "")
+    scene, one, asked = solved(make_setting(load_mission_text(bare)))
+    row = required(scene, one, asked)[0]
+    assert row["sources"] == []
+    assert row["sigma_position_now_km"] is None
+    size = row["limits"][1]["sigma_position_new_gain_km"]
+    own = f"    position: {{sigma: {size!r} km, correlation: white, treatment: estimated}}\n    {BIAS}"
+    said = bare.replace(f"    {BIAS}", own).replace(
+        BEHIND, f"{BEHIND}, position: {{sigma: 1e-7 km, correlation: white, treatment: estimated}}"
+    )
+    assert total_sigma(make_setting, said) / total_sigma(make_setting, bare) == pytest.approx(1.1, rel=3e-4)
+
+
+def test_an_estimator_that_ignores_a_source_gains_nothing_from_a_new_gain(
+    make_setting: MakeSetting, minimal_text: str
+) -> None:
+    text = minimal_text + "estimators: [{name: blind, method: batch_qr, treatment: {bias: ignored}}]\n"
+    scene, one, asked = solved(make_setting(load_mission_text(text)))
+    row = next(r for r in prediction_rows(scene, Worlds.of(one), asked[0]) if r["source"] == "bias ahead")
+    for remedy in ("if_vanished", "if_halved"):
+        assert row[remedy]["sigma_total_km_new_gain"] == pytest.approx(
+            row[remedy]["sigma_total_km_same_gain"], rel=1e-9
+        )

@@ -1,0 +1,194 @@
+"""Predicted quantities: partials against re-propagated orbits, impact probability, and the measure of nonlinearity."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from nebosvod.assembly import View, computed_psi
+from nebosvod.fitting import Fit, fit
+from nebosvod.mission import Mission, load_mission_text
+from nebosvod.nonlinearity import (
+    clones,
+    curvature,
+    impact_share,
+    moved_quantities,
+    nonlinearity,
+    ordered_factor,
+    spread_of,
+)
+from nebosvod.pipeline import run
+from nebosvod.predictions import Quantity, known_partials, prediction_row, quantity
+from nebosvod.prior import STATE_NAMES, PriorTable
+from nebosvod.scene import Scene
+
+Setting = tuple[Scene, PriorTable, View]
+MakeSetting = Callable[[Mission], Setting]
+EVERY_PLANE = """  - {name: axes, plane: rtn, at: 2029-04-06T00:00:00 TDB}
+  - {name: speed, plane: rtn_velocity, at: 2029-04-06T00:00:00 TDB}
+  - {name: target, plane: mtp, body: earth, near: 2029-04-13T21:46:00 TDB}
+"""
+
+
+@pytest.fixture(scope="module")
+def flyby(make_setting: MakeSetting, apophis: Mission) -> tuple[Scene, Fit, list[Quantity]]:
+    """Apophis with a prediction of every kind."""
+    scene, priors, nominal = make_setting(load_mission_text(apophis.text.rstrip() + "\n" + EVERY_PLANE))
+    one = fit(scene, scene.mission.estimators[0], nominal, computed_psi(nominal), priors)
+    return scene, one, [quantity(scene, one.trajectory, request) for request in scene.mission.predictions]
+
+
+@pytest.mark.parametrize("index", range(7))
+def test_partials_are_those_of_a_propagated_orbit(flyby: tuple[Scene, Fit, list[Quantity]], index: int) -> None:
+    scene, one, asked = flyby
+    steps = dict(zip(STATE_NAMES, [1.0] * 3 + [1e-7] * 3)) | {"radius_m": 0.5}
+    for name, step in steps.items():
+        up, down = (moved_quantities(scene, one, [asked[index]], {name: sign * step})[0] for sign in (1.0, -1.0))
+        slope = (up - down) / (2.0 * step)
+        column = asked[index].partials[:, asked[index].names.index(name)]
+        # round-off of 3e-8 km and the third-order term; even terms cancel
+        assert np.abs(slope - column).max() <= 1e-4 * np.abs(column).max()
+
+
+def test_a_quantity_does_not_move_on_its_own_orbit(flyby: tuple[Scene, Fit, list[Quantity]]) -> None:
+    scene, one, asked = flyby
+    for points in moved_quantities(scene, one, asked, {}):
+        assert np.abs(points).max() < 1e-6
+
+
+def test_curvature_of_a_quadratic_is_its_trace_and_does_not_depend_on_the_axes() -> None:
+    """w = x^T C x / 2 with x of covariance K = S S^T has mean tr(C K) / 2."""
+    rng = np.random.default_rng(2)
+    C = rng.normal(size=(2, 3, 3))
+    C = C + C.transpose(0, 2, 1)
+    S = rng.normal(size=(3, 3))
+    second = np.einsum("ri,drs,sj->dij", S, C, S)
+    found = curvature(np.einsum("dii->id", second), np.eye(2))
+    np.testing.assert_allclose(found.shift, 0.5 * np.einsum("drs,rs->d", C, S @ S.T), rtol=1e-12)
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    turned = np.einsum("dii->id", np.einsum("ri,drs,sj->dij", S @ turn, C, S @ turn))
+    np.testing.assert_allclose(curvature(turned, np.eye(2)).shift, found.shift, rtol=1e-10)
+
+
+def test_the_measure_is_the_rms_departure_of_a_bent_needle() -> None:
+    """w = (x, b x^2 / 2 + s y): the bend b / 2 x^2 against the short axis s is what misleads."""
+    long, short, bend = 100.0, 1.0, 3e-4
+    draws = np.random.default_rng(0).standard_normal(400_000)
+    departure = 0.5 * bend * (long * draws) ** 2
+    second = np.array([[0.0, bend * long**2], [0.0, 0.0]])
+    found = curvature(second, np.diag([long, short]))
+    assert found.measure == pytest.approx(np.sqrt(np.mean(departure**2)) / short, rel=2e-2)
+    assert found.shift[1] == pytest.approx(departure.mean(), rel=1e-2)
+    assert found.spread[1] == pytest.approx(departure.std(), rel=2e-2)
+    assert found.measure > 0.3
+
+
+def test_the_ordered_factor_is_a_factor_whose_last_columns_move_no_prediction(
+    flyby: tuple[Scene, Fit, list[Quantity]],
+) -> None:
+    _, one, asked = flyby
+    names = (*STATE_NAMES, "radius_m", "mass_kg", "albedo")
+    S = ordered_factor(one.estimate, names, asked[2:3])
+    K = one.estimate.covariance(names)
+    sigma = np.sqrt(np.diag(K))
+    assert np.abs((S @ S.T - K) / np.outer(sigma, sigma)).max() < 1e-9
+    moved = np.linalg.norm(asked[2].partials @ S, axis=0)
+    assert moved[2:].max() < 1e-6 * moved[0]
+
+
+def test_the_second_order_shift_is_that_of_drawn_orbits(flyby: tuple[Scene, Fit, list[Quantity]]) -> None:
+    """The mean of drawn orbits less their own linear displacement, a paired difference with little noise."""
+    scene, one, asked = flyby
+    names = [n for n in (*STATE_NAMES, *one.observation.parameter_names) if n in one.estimate.names]
+    target = [asked[2]]
+    expected = np.array(nonlinearity(scene, one, target)[0]["mean_shift_km"])
+    S = one.estimate.factor(names)
+    W = asked[2].partials[:, [asked[2].names.index(n) for n in names]]
+    departure = []
+    for i, points in enumerate(clones(scene, one, target, 150, 9)[0]):
+        rng = np.random.default_rng(np.random.SeedSequence(9, spawn_key=(1, i)))
+        departure.append(points - W @ (S @ rng.standard_normal(len(names))))
+    error = np.std(departure, axis=0) / np.sqrt(150)
+    assert np.all(np.abs(np.mean(departure, axis=0) - expected) < 4.0 * error + 0.2 * np.abs(expected))
+
+
+def test_impact_probability_is_the_share_of_normal_points_on_the_disc(flyby: tuple[Scene, Fit, list[Quantity]]) -> None:
+    _, one, asked = flyby
+    curved = {"mean_shift_km": [0.3, -0.2], "measure": 0.1, "misleads": False}
+    factor = one.estimate.predict(*known_partials(asked[2], one.estimate)).factor
+    edge = replace(asked[2], value=np.array([13773.0, 0.5]))
+    row = prediction_row(edge, one.estimate, "batch", [], curved)
+    draws = edge.value + np.random.default_rng(1).standard_normal((400_000, 2)) @ factor.T
+    share = np.mean(np.hypot(*draws.T) <= edge.facts["capture_radius_km"])
+    assert row["impact_probability_linear"] == pytest.approx(share, abs=4.0 * np.sqrt(0.25 / 400_000))
+    assert 0.3 < share < 0.7
+    np.testing.assert_allclose(row["max_deviation_km"], [0.3, 0.2] + 3.0 * np.array(row["sigma_km"]), rtol=1e-12)
+    assert prediction_row(asked[2], one.estimate, "batch", [], curved)["impact_probability_linear"] == 0.0
+
+
+def test_the_share_of_impacts_has_the_exact_binomial_interval() -> None:
+    one = SimpleNamespace(value=np.array([0.0, 10.0]), facts={"capture_radius_km": 5.0}, unit="km")
+    points = np.zeros((200, 2))
+    none = impact_share(one, points)  # type: ignore[arg-type]
+    assert none["hits"] == 0
+    # closed form at zero hits: (1 - p)^n = 0.025
+    assert none["interval_95"] == [0.0, pytest.approx(1.0 - 0.025 ** (1 / 200), rel=1e-9)]
+    points[:50, 1] = -8.0
+    some = impact_share(one, points)  # type: ignore[arg-type]
+    assert some["probability"] == 0.25
+    assert some["interval_95"] == pytest.approx([0.1916, 0.3159], abs=2e-3)
+    points[:50] = np.nan
+    assert impact_share(one, points)["runs"] == 150  # type: ignore[arg-type]
+    assert spread_of(one, points)["undefined"] == 50  # type: ignore[arg-type]
+
+
+def test_the_distance_of_a_vague_flyby_misleads_where_its_target_plane_does_not(
+    make_setting: MakeSetting, apophis: Mission
+) -> None:
+    """Six days of data five months before: 100,000 km on the target plane, still linear; a distance cannot be."""
+    text = apophis.text.replace("end: 2029-04-08T00:00:00 TDB", "end: 2028-11-20T00:00:00 TDB")
+    scene, priors, nominal = make_setting(load_mission_text(text))
+    one = fit(scene, scene.mission.estimators[0], nominal, computed_psi(nominal), priors)
+    asked = [quantity(scene, one.trajectory, request) for request in scene.mission.predictions]
+    plane, distance = nonlinearity(scene, one, asked)[2:]
+    sigma = one.estimate.predict(*known_partials(asked[3], one.estimate)).sigma[0]
+    assert sigma > 0.5 * asked[3].value[0]  # type: ignore[index]  # the mean distance lies within two sigmas of zero
+    assert distance["misleads"]
+    assert distance["mean_shift_km"][0] > 0.0  # a distance has a floor
+    assert not plane["misleads"]
+
+
+def test_an_orbit_without_the_prediction_leaves_its_nonlinearity_open(
+    flyby: tuple[Scene, Fit, list[Quantity]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from nebosvod import nonlinearity as module
+    from nebosvod.errors import InputError
+
+    scene, one, asked = flyby
+
+    def none(*_: object) -> Quantity:
+        raise InputError("no closest approach")
+
+    monkeypatch.setattr(module, "quantity", none)
+    row = nonlinearity(scene, one, asked[2:3])[0]
+    assert row["measure"] is None
+    assert row["misleads"] is None
+    assert "no such prediction" in row["reason"]
+
+
+def test_a_run_with_monte_carlo_has_points_shares_and_a_fifth_accuracy(apophis: Mission) -> None:
+    text = apophis.text + "\nmonte_carlo: {runs: 40}\n"
+    for name in ("blocks", "identity", "filter"):
+        text = "\n".join(line for line in text.split("\n") if f"{{name: {name}, method" not in line)
+    result = run(load_mission_text(text), seed=2)
+    rows = {row["name"]: row for row in result.summary["predictions"] if row["estimator"] == "batch"}
+    target = rows["encounter"]
+    points = result.arrays["clones_encounter_km"]
+    assert points.shape == (40, 2)
+    np.testing.assert_allclose(target["monte_carlo"]["sigma_km"], points.std(axis=0, ddof=1), rtol=1e-12)
+    assert target["impact_probability_monte_carlo"]["hits"] == 0
+    for k in range(2):  # a sample of 40 has its sigma within 2.6 / sqrt(80)
+        assert points[:, k].std(ddof=1) == pytest.approx(target["sigma_km"][k], rel=0.35)
+    assert all(row["monte_carlo"] is not None for row in result.summary["accuracy_comparison"]["rows"])
