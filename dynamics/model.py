@@ -175,14 +175,14 @@ class ForceModel:
         return np.array(found, dtype=np.float64)
 
     def with_values(self, values: Mapping[str, float]) -> "ForceModel":
-        """The same model with some parameters at other values, e.g. {"radius_m": 171.0}."""
+        """The same model with some parameters elsewhere, e.g. {"radius_m": 171.0}; see `RadiationPressure.moved`."""
         radiation, nongrav = self.radiation, self.nongrav
         for name in values:
             self._check_parameter(name)
         mine = {name: float(v) for name, v in values.items() if name in radiation_module.PARAMETERS}
         theirs = {name: float(v) for name, v in values.items() if name in nongrav_module.PARAMETERS}
         if mine and radiation is not None:
-            radiation = dataclasses.replace(radiation, **mine)
+            radiation = radiation.moved(mine)
         if theirs and nongrav is not None:
             nongrav = dataclasses.replace(nongrav, **theirs)
         return dataclasses.replace(self, radiation=radiation, nongrav=nongrav)

@@ -12,6 +12,7 @@ wind 3e-4, the variation of the irradiance over the solar cycle 1e-3.
 """
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -58,6 +59,25 @@ class RadiationPressure:
             if not (math.isfinite(value) and low < value <= high):
                 allowed = "a positive number" if high == math.inf else f"0 to {high:.4g}"
                 raise InputError(f"radiation pressure: {name} = {value} is not allowed ({allowed})")
+
+    def moved(self, values: Mapping[str, float]) -> "RadiationPressure":
+        """The same sphere with some values elsewhere, also outside their physical range.
+
+        An estimator's step or a Gaussian draw may leave the range (an albedo of 0.05 +- 0.05 does at 1 sigma); kappa
+        is smooth there, so it is a point of the model though not a body. Only a radius, mass or C_R of zero is none.
+
+        Raises
+        ------
+        InputError
+            If a value is not finite or kappa and its partials do not exist.
+        """
+        new = object.__new__(RadiationPressure)
+        for field in PARAMETERS:
+            object.__setattr__(new, field, float(values.get(field, getattr(self, field))))
+        numbers = [getattr(new, field) for field in PARAMETERS]
+        if not all(map(math.isfinite, numbers)) or 0.0 in (new.radius_m, new.mass_kg, new.coefficient):
+            raise InputError(f"radiation pressure: no kappa at {dict(zip(PARAMETERS, numbers))}")
+        return new
 
     @property
     def coefficient(self) -> float:

@@ -1,8 +1,8 @@
 """Make the orbit of the synthetic impactor of the missions `neomir-like` and `soda-like`, and print it.
 
 The heliocentric orbit is that of the Chelyabinsk body (Popova et al. 2013, Science 342, 1069: q 0.739 au, e 0.581,
-i 4.93 deg, node 326.4422 deg, argument of perihelion 108.3 deg) brought to 2030-02-15, with one more condition: at ENTRY
-it stands 100 km above the Earth, going down at the elevation of 18 deg that Chelyabinsk had. Steps:
+i 4.93 deg, node 326.4422 deg, argument of perihelion 108.3 deg) brought to 2030-02-15, with one more condition: at
+ENTRY it stands 100 km above the Earth, going down at the elevation of 18 deg that Chelyabinsk had. Steps:
 
 1. the velocity at infinity: of those elements, where they cross Earth's distance, less Earth's velocity;
 2. the hyperbola with that incoming asymptote whose path makes the wanted angle with the horizon at 100 km, bent round
@@ -85,7 +85,8 @@ def main() -> None:
         print("      velocity: [" + ", ".join(f"{x:.12f} km/s" for x in state[3:]) + "]")
         back = np.concatenate([R_icrf_from_ecliptic.T @ state[:3], R_icrf_from_ecliptic.T @ state[3:]])
         e, q, _, node, peri, i = state_to_cometary(back, ephemeris.gm_km3_s2["sun"])[0]
-        print(f"      q {q / AU_KM:.4f} au, e {e:.4f}, i {i / DEG:.3f}, node {node / DEG % 360:.3f}, peri {peri / DEG:.3f}")
+        angles = f"i {i / DEG:.3f}, node {node / DEG % 360:.3f}, peri {peri / DEG:.3f}"
+        print(f"      q {q / AU_KM:.4f} au, e {e:.4f}, {angles}")
 
 
 if __name__ == "__main__":

@@ -129,3 +129,16 @@ def test_values_move_and_the_original_stays(ephemeris: Ephemeris) -> None:
     assert (moved.earth_pole, moved.earth_shadow) == ("j2000", False)
     with pytest.raises(InputError, match="unknown dynamic parameter"):
         model.with_values({"radius": 1.0})
+
+
+def test_a_gaussian_draw_outside_the_physical_range_is_a_point_of_the_model() -> None:
+    """kappa stays smooth through albedo 0; a body described so by a user is still refused."""
+    body = RadiationPressure(radius_m=10.0, mass_kg=8e6, albedo=0.05)
+    below = body.moved({"albedo": -0.05})
+    assert below.kappa_m2_kg == pytest.approx(np.pi * 100.0 / 8e6 * (1.0 - 4.0 * 0.05 / 9.0), rel=1e-14)
+    slope = (body.kappa_m2_kg - below.kappa_m2_kg) / 0.1
+    assert slope == pytest.approx(body.kappa_partials()["albedo"], rel=1e-12)
+    with pytest.raises(InputError):
+        RadiationPressure(radius_m=10.0, mass_kg=8e6, albedo=-0.05)
+    with pytest.raises(InputError, match="no kappa"):
+        body.moved({"mass_kg": 0.0})

@@ -233,3 +233,16 @@ def test_a_batch_of_the_final_problem_reproduces_the_run(minimal_setting: Settin
     sigma = np.sqrt(np.diag(K))
     # linearised at the nominal orbit and at the estimate: the covariances differ by the move over the distance
     assert np.abs((K - found) / np.outer(sigma, sigma)).max() < 1e-3
+
+
+def test_a_poorly_known_albedo_never_stops_a_run(minimal: Mission) -> None:
+    """0.05 +- 0.05 is drawn below zero for one seed in six."""
+    text = minimal.text.replace("value: 0.15, sigma: 0.05", "value: 0.05, sigma: 0.05")
+    assert text != minimal.text
+    mission = load_mission_text(text)
+    drawn_below_zero = 0
+    for seed in range(12):
+        found = run(mission, seed=seed).summary["estimators"][0]
+        assert found["status"] == "converged"
+        drawn_below_zero += found["parameters"]["albedo"]["estimate"] < 0.05
+    assert drawn_below_zero
