@@ -169,11 +169,7 @@ class Mission(Block):
 
     @property
     def covariance_prior(self) -> CovariancePrior | None:
-        """The prior as a covariance, from `prior.covariance` or, for `prior: orbit`, from the SBDB block.
-
-        With radiation pressure an orbit's A1 is dropped (its marginal is kept for the rest): a1_residual
-        stands for it, with a prior of its own.
-        """
+        """The prior as a covariance, from `prior.covariance` or, for `prior: orbit`, from the SBDB block."""
         if isinstance(self.prior, str):
             orbit = self.object.orbit
             if self.prior == "none" or not isinstance(orbit, SbdbOrbit):
@@ -185,10 +181,9 @@ class Mission(Block):
         else:
             names, matrix, epoch = self.prior.names, self.prior.covariance, self.prior.epoch or self.reference_epoch
             frame = self.prior.frame or ("icrf" if "x" in self.prior.names else "ecliptic_j2000")
-        keep = tuple(n for n in names if n != "A1" or not (self.prior == "orbit" and self.object.has_radiation))
         return CovariancePrior(
-            names=keep,
-            covariance=internal_covariance(names, matrix, keep),
+            names=names,
+            covariance=internal_covariance(names, matrix, names),
             epoch=epoch,
             representation="state" if "x" in names else "cometary",
             frame=frame,

@@ -137,6 +137,10 @@ def _prior(mission: Mission) -> Iterator[Complaint]:
         yield ("prior",), f"{text} (got kind {mission.object.orbit.kind})"
         return
     source = mission.object.orbit.covariance if isinstance(mission.object.orbit, SbdbOrbit) else None
+    if mission.prior == "orbit" and source is not None and "A1" in source.labels and mission.object.has_radiation:
+        text = "the covariance is joint with A1, which the radiation pressure of the body replaces; without its row the"
+        advice = "remove radius, mass and albedo, so that A1 and its sigma stand for them, or give a prior of your own"
+        yield ("prior",), f"{text} orbit would seem many times less known; {advice}"
     if mission.prior == "orbit" and source is not None:
         extra = [n for n in source.labels if n not in ("e", "q", "tp", "node", "peri", "i", "A1", "A2", "A3")]
         if extra or len(source.labels) != len(source.data):
