@@ -131,8 +131,11 @@ def _ask(process: "subprocess.Popen[str]", message: str) -> Any:
     if not line:
         code = process.wait()
         return RuntimeError(f"a worker ended before its task was done (exit code {code}); out of memory, perhaps")
-    answer = json.loads(line)
-    return answer["value"] if "value" in answer else _exception(answer)
+    try:
+        answer = json.loads(line)
+        return answer["value"] if "value" in answer else _exception(answer)
+    except (ValueError, KeyError, TypeError) as error:  # an error in this thread would leave the parent waiting
+        return RuntimeError(f"a worker answered {line[:200]!r}: {error!r}")
 
 
 def _exception(answer: Mapping[str, str]) -> Exception:

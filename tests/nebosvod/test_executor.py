@@ -115,3 +115,17 @@ def test_what_is_served_is_one_line_for_each_task(monkeypatch: pytest.MonkeyPatc
     assert answers[1]["message"] == "two is too many"
     assert answers[2] == {"value": 13}
     serve(io.StringIO(""), out)
+
+
+@pytest.mark.parametrize("answer", ["hello", "[]", '{"square": 4}', '{"kind": 3}'])
+def test_an_answer_that_is_none_is_an_error_and_not_a_hang(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, answer: str
+) -> None:
+    babbler = tmp_path / "babbler"
+    babbler.write_text(
+        f"#!{sys.executable}\nimport sys\nfor line in sys.stdin: print({answer!r}, flush=True)\n", "utf-8"
+    )
+    babbler.chmod(0o755)
+    monkeypatch.setattr("nebosvod.executor.sys.executable", str(babbler))
+    with pytest.raises(RuntimeError, match="a worker answered"):
+        run_tasks("any:thing", {}, [1], 1)

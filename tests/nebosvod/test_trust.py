@@ -5,6 +5,7 @@ import numpy.typing as npt
 import pytest
 from scipy import stats
 
+from nebosvod import trust
 from nebosvod.trust import Claim, Direction, amount, judge
 
 Array = npt.NDArray[np.float64]
@@ -128,9 +129,15 @@ def test_intervals_are_where_the_tests_reject() -> None:
 
 def test_the_limit_of_cramer_von_mises_is_that_of_its_exact_law() -> None:
     """Published 1 % point of the statistic for many runs: 0.743 (Anderson, Darling 1952); one term gives 1 % less."""
-    from nebosvod.trust import _largest_statistic
+    assert trust._largest_statistic(0.01) == pytest.approx(0.743, abs=0.01)
 
-    assert _largest_statistic(0.01) == pytest.approx(0.743, abs=0.01)
+
+def test_a_value_at_the_end_of_its_interval_has_the_p_value_of_the_interval() -> None:
+    """Both ends, 1 in 1000: the tests are two-sided."""
+    for end in (0, 1):
+        row = {"test": "nees", "freedom": 400}
+        bound = trust._interval(row, 0.001)[end]
+        assert trust._variance(np.full(400, bound), 400)["p"] == pytest.approx(0.001, rel=1e-6)
 
 
 @pytest.mark.parametrize(
