@@ -220,7 +220,9 @@ def _nuisance_caption(block: Item, values: Array) -> Markup:
         text += Markup(" Below 0{}dB the nuisances outweigh the noise: {}{}% of the measurements.").format(
             NBSP, round(100 * worse), NBSP
         )
-    n = len(values)
-    return text + Markup(" A nuisance common to all {} does not average out: for it, subtract {}{}dB.").format(
-        count(n, "measurement"), quantity(10 * float(np.log10(n))), NBSP
-    )
+    effective = block.get("eta_effective_db_mean")
+    if effective is None:
+        return text
+    return text + Markup(
+        " A common nuisance does not average out: counted with every measurement it touches, the mean is {}{}dB."
+    ).format(quantity(effective), NBSP)

@@ -277,7 +277,8 @@ def limit_table(run: RunFolder) -> Table | None:
     if not rows:
         return None
     return Table(
-        caption="Telescope position sigma that keeps the ratio at or above a limit",
+        caption="Telescope position sigma that keeps the ratio at or above a limit for the median measurement "
+        "(near ones need a better position)",
         head=("limit", "position sigma"),
         align="lr",
         rows=rows,

@@ -113,11 +113,14 @@ def _orbit(run: RunFolder, main: Item) -> Markup:
         if t is not None and len(t) > 1
         else ""
     )
+    seed = run.manifest.get("seed")
+    made = "" if seed is None else f" simulated (seed {seed}: one truth drawn about the mission's nominal values)"
     return Markup(
-        "At {}, {} of {}{} give the heliocentric position of {} to {} and its velocity to {} (1σ, root trace)."
+        "At {}, {}{} of {}{} give the heliocentric position of {} to {} and its velocity to {} (1σ, root trace)."
     ).format(
         wording.moment(run.summary["reference_epoch_tdb"]),
         count(n, "measurement"),
+        made,
         join(run.telescopes),
         span,
         object_name(run),
