@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from nebosvod import blame
 from nebosvod.blame import kind_of_problem, telescopes_of
 from nebosvod.errors import GeometryError
 from nebosvod.estimation import LinearProblem, White, extended, guaranteed
@@ -53,7 +54,9 @@ def _rows(scene: Scene, fit: Fit, asked: Sequence[Quantity], sample: Sample | No
     for quantity in asked:
         W, names = known_partials(quantity, fit.estimate)
         found = fit.estimate.predict(W, names)
-        worst, bound = worst_sigmas(fit, W, names)
+        worst = bound = np.full(len(W), np.nan)
+        if fit.problem.n <= blame.LARGE:
+            worst, bound = worst_sigmas(fit, W, names)
         sure, reason = _guaranteed(few, W, names)
         drawn, interval, missing = _monte_carlo(fit, W, names, sample)
         for k in range(len(W)):
@@ -64,8 +67,8 @@ def _rows(scene: Scene, fit: Fit, asked: Sequence[Quantity], sample: Sample | No
                 "unit": quantity.unit,
                 "formal": float(found.sigma_formal[k]),
                 "extended": float(found.sigma[k]),
-                "worst_correlation": float(worst[k]),
-                "worst_any_correlation": float(bound[k]),
+                "worst_correlation": float(worst[k]) if np.isfinite(worst[k]) else None,
+                "worst_any_correlation": float(bound[k]) if np.isfinite(bound[k]) else None,
                 "guaranteed": None if sure is None else float(sure[k]),
                 "guaranteed_measurements": few.n,
                 "guaranteed_reason": reason,
@@ -173,7 +176,7 @@ def statement(row: Mapping[str, Any], unmodelled: str | None) -> str:
         said.append(f"The estimator's own sigma is {formal / true:.3g} times too large.")
     else:
         said.append("Formal and extended accuracy agree.")
-    if true > 0.0 and worst > OPTIMISTIC * true:
+    if worst is not None and true > 0.0 and worst > OPTIMISTIC * true:
         said.append(f"Noise correlated in time could make it {worst / true:.3g} times worse.")
     if row["guaranteed"] is not None and true > 0.0:
         said.append(f"The guaranteed bound is {row['guaranteed'] / true:.3g} sigmas.")

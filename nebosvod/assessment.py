@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from nebosvod import blame
 from nebosvod.accuracy import comparison
 from nebosvod.blame import Worlds, kind_of_problem, prediction_rows, state_rows
 from nebosvod.curves import curves
@@ -67,7 +68,9 @@ def assess(
     own = {fit.estimator.name: replace(worlds[kind_of_problem(fit)], now=fit.estimate) for fit in found}
     different = [next(fit for fit in found if kind_of_problem(fit) == kind) for kind in worlds]
     ratio, ratio_arrays = _ratio(scene, fits[0])
-    if found:
+    small = found and found[0].problem.n <= blame.LARGE
+    ratio["required_position"] = []
+    if small:
         ratio["required_position"] = required(scene, found[0], predicted[found[0].estimator.name])
     rows: list[dict[str, Any]] = []
     bent: dict[Any, list[dict[str, Any]]] = {}
@@ -84,7 +87,7 @@ def assess(
         budget=[row for fit in found for row in state_rows(scene, fit, own[fit.estimator.name])],
         predictions=rows,
         noise_to_nuisance=ratio,
-        curves=curves(found[0], predicted[found[0].estimator.name]) if found else [],
+        curves=curves(found[0], predicted[found[0].estimator.name]) if small else [],
         accuracy_comparison=comparison(scene, different, predicted, samples),
         arrays=ratio_arrays | drawn,
     )

@@ -19,6 +19,7 @@ from nebosvod.prior import STATE_NAMES
 from nebosvod.scene import Scene
 
 Array = npt.NDArray[np.float64]
+LARGE = 20_000  # measurements; above, what needs many solves or searches is left out, and the run says so
 REMEDIES: Mapping[str, float] = {"if_vanished": 0.0, "if_halved": 0.5}
 
 
@@ -37,9 +38,9 @@ class Worlds:
 
     @classmethod
     def of(cls, fit: Fit) -> "Worlds":
-        """Solve the problem of a fit again for each source and each remedy."""
+        """Solve the problem of a fit again for each source and each remedy; a LARGE one is not solved again."""
         then = {}
-        for source in fit.estimate.sources:
+        for source in fit.estimate.sources if fit.problem.n <= LARGE else ():
             for remedy, factor in REMEDIES.items():
                 estimate = batch.solve(budget.scaled(fit.problem, source, factor))
                 if estimate.solution is not None:

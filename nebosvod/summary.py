@@ -8,6 +8,7 @@ import numpy.typing as npt
 
 from nebosvod.assembly import nuisance_treatment
 from nebosvod.assessment import Findings
+from nebosvod.blame import LARGE
 from nebosvod.dynamics.constants import SOLAR_IRRADIANCE_W_M2
 from nebosvod.estimation.square_root import lower_factor
 from nebosvod.fitting import Fit
@@ -172,6 +173,11 @@ def _assumptions(scene: Scene) -> list[str]:
 def _warnings(scene: Scene, fits: Sequence[Fit], findings: Findings) -> list[str]:
     """What a reader must know before trusting the numbers."""
     said = []
+    if any(fit.problem.n > LARGE for fit in fits):
+        said.append(
+            f"more than {LARGE:,} measurements: re-optimised remedies, required positions, curves and the worst "
+            "correlation are left out"
+        )
     for row in findings.predictions:
         if row["nonlinearity"]["misleads"]:
             said.append(

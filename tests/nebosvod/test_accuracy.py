@@ -129,3 +129,36 @@ def test_a_comparison_of_one_estimator_does_not_depend_on_the_residuals(minimal_
     first, second = (comparison(scene, [f], {name: asked}, {})["rows"] for f in (one, moved))
     for a, b in zip(first, second):
         assert a["guaranteed"] == pytest.approx(b["guaranteed"], rel=1e-9)
+
+
+def test_a_large_problem_is_spared_the_searches(minimal_setting: Setting, monkeypatch: pytest.MonkeyPatch) -> None:
+    from nebosvod import blame
+    from nebosvod.assessment import assess
+
+    monkeypatch.setattr(blame, "LARGE", 10)
+    scene, one, asked = solved(minimal_setting)
+    found = assess(scene, [one], {one.estimator.name: asked}, {})
+    assert found.curves == []
+    assert found.noise_to_nuisance["required_position"] == []
+    row = found.accuracy_comparison["rows"][0]
+    assert row["worst_correlation"] is None
+    assert row["guaranteed"] > row["extended"]
+    remedy = found.predictions[0]["budget"][0]["if_halved"]
+    assert remedy["sigma_total_km_new_gain"] is None
+    assert remedy["sigma_total_km_same_gain"] > 0.0
+
+
+def test_the_ratio_block_has_means_limits_and_critical_sizes_by_telescope(minimal_setting: Setting) -> None:
+    """Critical size = distance times sigma, for a telescope position error of any direction (0.1 arcsec here)."""
+    from nebosvod.assessment import assess
+
+    scene, one, asked = solved(minimal_setting)
+    block = assess(scene, [one], {one.estimator.name: asked}, {}).noise_to_nuisance
+    critical = one.observation.distance_km * 0.1 * np.pi / 648000.0
+    np.testing.assert_allclose(block["sigma_z_critical_km"], critical, rtol=1e-4)  # V / c in the partials
+    for number, row in enumerate(block["by_telescope"]):
+        mine = critical[one.observation.telescope_index == number]
+        assert row["n_observations"] == mine.size
+        assert row["sigma_z_critical_median_km"] == pytest.approx(np.median(mine), rel=1e-4)
+        assert row["sigma_z_limit_km"]["20_dB"] == pytest.approx(np.median(mine) / 10.0, rel=1e-4)
+        assert row["eta_effective_db_mean"] < row["eta_db_mean"]
