@@ -5,6 +5,7 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 
 from nebosvod.assembly import View, computed_psi
@@ -13,6 +14,7 @@ from nebosvod.mission import Mission, load_mission_text
 from nebosvod.nonlinearity import (
     clones,
     curvature,
+    displaced,
     impact_share,
     moved_quantities,
     nonlinearity,
@@ -56,6 +58,25 @@ def test_a_quantity_does_not_move_on_its_own_orbit(flyby: tuple[Scene, Fit, list
     scene, one, asked = flyby
     for points in moved_quantities(scene, one, asked, {}):
         assert np.abs(points).max() < 1e-6
+
+
+def test_a_line_far_from_the_base_is_carried_along_itself_into_the_plane_of_the_base() -> None:
+    """A straight relative orbit r + v t: its own closest point and plane go in, the crossing of the base's comes out."""
+
+    def mtp(axes: npt.NDArray[np.float64], point: npt.NDArray[np.float64]) -> SimpleNamespace:
+        request = SimpleNamespace(plane="mtp")
+        return SimpleNamespace(unit="km", axes=axes, value=axes[[0, 2]] @ point, request=request)
+
+    base_axes = np.eye(3)
+    direction = np.array([0.3, 0.9, -0.2])
+    direction /= np.linalg.norm(direction)
+    first = np.cross(direction, [0.0, 0.0, 1.0])
+    first /= np.linalg.norm(first)
+    axes = np.stack([first, direction, np.cross(first, direction)])
+    closest = 800.0 * axes[0] - 300.0 * axes[2]
+    crossing = closest - closest[1] / direction[1] * direction
+    moved = displaced(mtp(base_axes, np.array([100.0, 0.0, 50.0])), mtp(axes, closest))  # type: ignore[arg-type]
+    np.testing.assert_allclose(moved, [crossing[0] - 100.0, crossing[2] - 50.0], rtol=1e-12)
 
 
 def test_curvature_of_a_quadratic_is_its_trace_and_does_not_depend_on_the_axes() -> None:
