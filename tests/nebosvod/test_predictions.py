@@ -61,7 +61,7 @@ def test_a_quantity_does_not_move_on_its_own_orbit(flyby: tuple[Scene, Fit, list
 
 
 def test_a_line_far_from_the_base_is_carried_along_itself_into_the_plane_of_the_base() -> None:
-    """A straight relative orbit r + v t: its own closest point and plane go in, the crossing of the base's comes out."""
+    """A straight relative orbit: its own closest point goes in, its crossing of the base plane comes out."""
 
     def mtp(axes: npt.NDArray[np.float64], point: npt.NDArray[np.float64]) -> SimpleNamespace:
         request = SimpleNamespace(plane="mtp")
