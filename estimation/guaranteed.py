@@ -16,7 +16,7 @@ from scipy.sparse import csr_matrix, hstack, vstack
 from nebosvod.errors import GeometryError, InputError
 from nebosvod.estimation.partition import Partition
 from nebosvod.estimation.problem import LinearProblem
-from nebosvod.estimation.square_root import conditioning, covariance_factor, solve_upper
+from nebosvod.estimation.square_root import covariance_factor
 from nebosvod.estimation.whitening import raw_rows
 
 Array = npt.NDArray[np.float64]
@@ -176,24 +176,7 @@ def _polytope(problem: LinearProblem, partition: Partition, level: float) -> tup
     scale = csr_matrix((1.0 / noise, (np.arange(n * p), np.arange(n * p))))
     whole = vstack([scale @ A, box / level], format="csr")
     right = np.concatenate([rows[:, s] / noise, np.zeros(draws)])
-    whole, turn = _orthogonal(whole, spread.shape[1])
-    return Polytope(A=whole, right=right, bound=np.ones(len(right))), spread @ turn
-
-
-def _orthogonal(A: csr_matrix, count: int) -> tuple[csr_matrix, Array]:
-    """Make the first columns orthonormal, A[:, :count] turn; as they are when they do not determine their unknowns.
-
-    Position and velocity of an orbit are nearly dependent columns: without this the solver's tolerance let a dual
-    stop 10 % below the primal.
-    """
-    dense = A[:, :count].toarray()
-    lengths = np.linalg.norm(dense, axis=0)
-    unit = np.where(lengths > 0.0, lengths, 1.0)
-    Q, R = np.linalg.qr(dense / unit)
-    if not conditioning(R).observable:
-        return A, np.eye(count)
-    turn = solve_upper(R, np.eye(count)) / unit[:, None]
-    return hstack([csr_matrix(Q), A[:, count:]], format="csr"), turn
+    return Polytope(A=whole, right=right, bound=np.ones(len(right))), spread
 
 
 def _spread(partition: Partition) -> Array:

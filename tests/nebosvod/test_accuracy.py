@@ -88,6 +88,16 @@ def test_leaving_measurements_out_only_widens_a_guaranteed_bound(minimal_setting
     assert np.all(fewer < 1.3 * every)
 
 
+def test_primal_and_dual_of_an_orbit_agree(minimal_setting: Setting) -> None:
+    """Partials of an orbit differ by 1e7 and its objective with them: in their units the dual stopped far too early."""
+    _, one, asked = solved(minimal_setting)
+    few = thinned(replace(one.problem, residual=np.zeros_like(one.problem.residual)), 32)
+    W, names = known_partials(asked[0], one.estimate)
+    found = guaranteed.bound(few, W, names)
+    assert found.duality_gap < 1e-6
+    np.testing.assert_allclose(found.half_width, guaranteed.largest_error(few, W, names), rtol=1e-6)
+
+
 def test_the_box_of_a_slow_error_holds_each_of_its_histories(make_setting: MakeSetting, minimal_text: str) -> None:
     """A bound for free draws at each measurement is above that for a constant error of the same size."""
     slow = minimal_text.replace("correlation: white", "correlation: gauss_markov, time: 1e6 d")
