@@ -22,7 +22,7 @@ import click
 from nebosvod import __version__
 from nebosvod.errors import InputError, NebosvodError
 
-EXIT_QUALITY, EXIT_INPUT, EXIT_INTERNAL, EXIT_INTERRUPTED = 1, 2, 4, 130
+EXIT_QUALITY, EXIT_INPUT, EXIT_ENVIRONMENT, EXIT_INTERNAL, EXIT_INTERRUPTED = 1, 2, 3, 4, 130
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 
 
@@ -314,6 +314,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+    except OSError as error:  # what no stage turned into a sentence of its own: disk, permission, memory of the system
+        if debug:
+            raise
+        what = f"{error.filename}: {error.strerror}" if error.filename else str(error)
+        click.echo(f"error: the system refused: {what}; check disk space and permissions", err=True)
+        return EXIT_ENVIRONMENT
     except Exception:  # the last resort: a file instead of a traceback
         if debug:
             raise

@@ -137,6 +137,29 @@ def test_an_unobservable_problem_is_exit_1_with_the_weak_direction(
     assert (tmp_path / "run" / "report.html").is_file()
 
 
+def test_an_iteration_that_does_not_converge_is_exit_1_with_the_last_state(
+    tmp_path: Path, minimal_text: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "hurried.yaml"
+    path.write_text(minimal_text + "estimators: [{name: hurried, method: batch_qr, iterations: 1}]\n", "utf-8")
+    assert main(["run", str(path), "-o", str(tmp_path / "run")]) == 1
+    found = json.loads((tmp_path / "run" / "summary.json").read_text("utf-8"))["estimators"][0]
+    assert found["status"] == "iteration_limit"
+    assert len(found["state_km_km_s"]) == 6
+    assert "iteration limit was reached" in capsys.readouterr().out
+
+
+def test_trouble_of_the_system_is_exit_3_and_names_the_file(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def refuse() -> None:
+        raise OSError(28, "No space left on device", "cache.nbi")
+
+    monkeypatch.setattr("nebosvod.mission.list_missions", refuse)
+    assert main(["missions"]) == 3
+    assert "cache.nbi: No space left on device" in capsys.readouterr().err
+
+
 def test_nothing_visible_is_exit_1_and_says_which_limit(
     tmp_path: Path, minimal_text: str, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -97,19 +97,33 @@ def test_a_correlated_position_error_is_judged_rightly_under_each_treatment(
     assert_covariance(sample.errors[:, :6], sample.reference.factor(STATE_NAMES))
 
 
-def test_twenty_full_refits_agree_with_the_linear_ones_to_a_hundredth_of_sigma(minimal_setting: Setting) -> None:
-    """Truth re-propagated with its own radius, mass and albedo, Gauss-Newton from the nominal orbit."""
-    scene, priors, nominal = minimal_setting
+@pytest.mark.parametrize(("radius_sigma", "allowed"), [("1 m", 0.01), ("2 m", 0.02)])
+def test_twenty_full_refits_agree_with_the_linear_ones_to_a_hundredth_of_sigma(
+    minimal: Mission, make_setting: Callable[[Mission], Setting], radius_sigma: str, allowed: float
+) -> None:
+    """Two chains from the same draws: everything re-propagated and iterated, against everything linear but the sky.
+
+    Full: truth propagated with its own radius, mass and albedo; Gauss-Newton to convergence, the last step included.
+    Linear: truth by Phi and zeta, one solution about the nominal orbit. What is left is the curvature of R^2: with the
+    mission's own radius, 10 +- 2 m, it reaches 1.6 % of sigma in the worst of 120 components.
+    """
+    scene, priors, nominal = make_setting(
+        load_mission_text(minimal.text.replace("sigma: 2 m", f"sigma: {radius_sigma}"))
+    )
     estimator = scene.mission.estimators[0]
     base = linear_problem(scene, estimator, nominal, computed_psi(nominal), priors, about=nominal.point)
     scale = np.sqrt(np.diag(batch.solve(base).covariance(STATE_NAMES)))
+    largest = 0.0
     for i in range(20):
-        truth = draw(scene, priors, np.random.default_rng(np.random.SeedSequence(SEED, spawn_key=(i,))))
-        full = fit(scene, estimator, nominal, truth.psi, priors)
-        linear = batch.solve(replace(base, residual=residual(truth.psi, computed_psi(nominal))))
+        seeds = [np.random.default_rng(np.random.SeedSequence(SEED, spawn_key=(i,))) for _ in range(2)]
+        full = fit(scene, estimator, nominal, draw(scene, priors, seeds[0]).psi, priors)
+        psi, _ = measured_truth(scene, nominal, priors, seeds[1])
+        linear = batch.solve(replace(base, residual=residual(psi, computed_psi(nominal))))
         assert str(full.status) == "converged"
-        estimate = nominal.point.state + linear.mean[:6]
-        assert np.abs((full.point.state - estimate) / scale).max() < 0.01
+        difference = np.abs((full.estimate.mean[:6] - linear.mean[:6]) / scale).max()
+        assert difference < allowed
+        largest = max(largest, float(difference))
+    assert largest > 1e-9  # two chains, not one twice
 
 
 @pytest.mark.parametrize(("body", "allowed"), [("known", 1e-6), ("uncertain", 0.05)])
