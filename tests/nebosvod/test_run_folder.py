@@ -202,7 +202,7 @@ def test_a_killed_run_leaves_the_last_whole_result(tmp_path: Path, number: signa
     process = start_long_run(folder, tmp_path / "long.yaml")
     time.sleep(1.0)
     process.send_signal(number)
-    _, err = process.communicate(timeout=20)
+    _, err = process.communicate(timeout=90)
     assert process.returncode == (130 if number != signal.SIGKILL else -signal.SIGKILL)
     assert "Traceback" not in err
     assert files_of(folder) == before
