@@ -16,7 +16,7 @@ import numpy.typing as npt
 from nebosvod.assembly import View, computed_psi, linear_problem
 from nebosvod.estimation import Estimate, LinearProblem
 from nebosvod.estimation.repeated import Repeated
-from nebosvod.fitting import SOLVERS, Fit
+from nebosvod.fitting import SOLVERS
 from nebosvod.mission import Estimator
 from nebosvod.observation import Common, draw_noise, draw_truth, measure, residual
 from nebosvod.prior import STATE_NAMES, PriorTable
@@ -166,26 +166,6 @@ def consistency(sample: Sample) -> dict[str, Any]:
         "nees_interval_99": interval,
         "coverage": {f"{100 * level:g}_percent": float(np.mean(inside <= level)) for level in LEVELS},
     }
-
-
-def monte_carlo(
-    scene: Scene,
-    nominal: View,
-    priors: PriorTable,
-    fits: list[Fit],
-    seed: int,
-    progress: Callable[[str], None] = lambda message: None,
-) -> list[dict[str, Any]]:
-    """Consistency of every estimator that has an estimate, as many runs as the mission asks for."""
-    plan = scene.mission.monte_carlo
-    if plan is None:
-        return []
-    rows = []
-    for one in fits:
-        if one.estimate.solution is not None:
-            sample = repeat(scene, one.estimator, nominal, priors, plan.runs, seed, progress)
-            rows.append({"estimator": one.estimator.name, **consistency(sample)})
-    return rows
 
 
 def consistency_block(rows: list[dict[str, Any]]) -> dict[str, Any]:
