@@ -129,6 +129,8 @@ def _caption(p: Item, K: Array, formal: Array | None, unit: str, slender: bool) 
     if p.get("angle_deg") is not None:
         text += Markup(", the long one {} from +{} towards +{}").format(quantity(p["angle_deg"], "deg"), first, second)
     text += Markup("; east is left." if p["plane"] == "sky" and not slender else ".")
+    if p["plane"] == "sky":
+        text += Markup(" The error of the orbit alone: the telescope's own position and bias are taken as known.")
     mean = p.get(f"mean_{unit}")
     if mean and any(mean):
         centre = join_values(mean, unit, (first, second))
