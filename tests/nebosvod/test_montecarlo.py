@@ -104,8 +104,8 @@ def test_twenty_full_refits_agree_with_the_linear_ones(
     """Two chains from the same draws: everything re-propagated and iterated, against everything linear but the sky.
 
     Full: truth propagated with its own radius, mass and albedo; Gauss-Newton to convergence, the last step included.
-    Linear: truth by Phi and zeta, one solution about the nominal orbit. From one and the same sky the two estimates agree
-    to 1 % of sigma (1e-6 seen). Each from its own truth, what is left is the curvature of R^2/m: with
+    Linear: truth by Phi and zeta, one solution about the nominal orbit. From one and the same sky the two estimates
+    agree to 1 % of sigma (1e-6 seen). Each from its own truth, what is left is the curvature of R^2/m: with
     the mission's radius (20 %) and mass (25 %) it reaches 7 % of sigma in the worst of 120 components (a velocity);
     with both known to 5 % less than 1 %.
     """
