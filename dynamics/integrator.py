@@ -520,5 +520,5 @@ def integrate(
 
 
 def is_compiled_cache_present() -> bool:
-    """Whether `integrate` will start at once; if not, its first call compiles for some 25 s (a program may say so)."""
+    """Whether `integrate` will start at once; if not, its first call compiles for some 35 s (a program may say so)."""
     return is_compiled(integrate)
