@@ -1,0 +1,131 @@
+"""Real optical astrometry as a table: one row for each observation, whatever format it was read from.
+
+formats (`ades`, `mpc80`) -> Astrometry -> where the observers were, what each observation weighs -> the fit.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from types import MappingProxyType
+
+import numpy as np
+import numpy.typing as npt
+
+from nebosvod.errors import InputError
+from nebosvod.observation.contracts import Array
+from nebosvod.timescale import Epoch
+
+Texts = npt.NDArray[np.str_]
+Rows = npt.NDArray[np.int64]
+Flags = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Astrometry:
+    """Observed directions of one or several objects, in the order of the files they came from.
+
+    Attributes
+    ----------
+    epoch : the epoch from which times count, 0h TDB of the day of the earliest observation.
+    path, line : (n,) file and number of the line on which each record begins.
+    designation : (n,) permanent number, else provisional designation, unpacked, else the observer's own name.
+    station : (n,) observatory code.
+    t_s : (n,) TDB seconds after `epoch`.
+    utc : (n,) time as ISO 8601 text, UTC.
+    psi : (n, 2) observed RA in [0, 2 pi) and Dec, ICRF, rad.
+    sigma_rad : (n, 2) stated standard deviation of RA cos Dec and Dec; nan where the record states none.
+    correlation : (n,) stated correlation of the two, 0 where none is stated.
+    timing_sigma_s : (n,) stated standard deviation of the time; nan where none is stated.
+    catalogue : (n,) star catalogue by its ADES name, "" where unknown.
+    mode : (n,) kind of detector by its ADES name (CCD, PHO, OCC, ...), "" where unknown.
+    centre : (n,) what `position_km` counts from: "earth", "sun", "ssb"; "" where the station alone tells the place.
+    position_km : (n, 3) the observer's position from `centre` at the time of the record: ICRF axes, or for a roving
+        observer on the ground (`roving`) ITRF; nan where the station tells it.
+    position_covariance_km2 : (n, 3, 3) its stated covariance on the same axes; nan where none is stated.
+    roving : (n,) whether the observer stood at `position_km` on the turning Earth.
+    magnitude, band : (n,) stated magnitude, nan where none, and its band.
+    discovery : (n,) whether the record carries the discovery mark.
+    left_out : how many records of the files were not read, by reason ("radar", "deleted", ...).
+    notices : what a user should know about the files, one sentence each.
+    """
+
+    epoch: Epoch
+    path: Texts
+    line: Rows
+    designation: Texts
+    station: Texts
+    t_s: Array
+    utc: Texts
+    psi: Array
+    sigma_rad: Array
+    correlation: Array
+    timing_sigma_s: Array
+    catalogue: Texts
+    mode: Texts
+    centre: Texts
+    position_km: Array
+    position_covariance_km2: Array
+    roving: Flags
+    magnitude: Array
+    band: Texts
+    discovery: Flags
+    left_out: Mapping[str, int] = field(default_factory=lambda: MappingProxyType({}))
+    notices: tuple[str, ...] = ()
+
+    def __len__(self) -> int:
+        """Number of observations."""
+        return int(self.t_s.size)
+
+    @property
+    def objects(self) -> tuple[str, ...]:
+        """The designations, each once, in the order of their first record."""
+        return tuple(dict.fromkeys(self.designation.tolist()))
+
+    @property
+    def stations(self) -> tuple[str, ...]:
+        """The observatory codes, each once, in the order of their first record."""
+        return tuple(dict.fromkeys(self.station.tolist()))
+
+    def select(self, rows: Rows | Flags) -> "Astrometry":
+        """The observations of these rows, in that order; counts and notices stay."""
+        return replace(self, **{name: getattr(self, name)[rows] for name in ROW_FIELDS})
+
+    def of(self, designation: str) -> "Astrometry":
+        """The observations of one object.
+
+        Raises
+        ------
+        InputError
+            If there are none.
+        """
+        mine = self.designation == designation
+        if not mine.any():
+            raise InputError(f"no observation of {designation} here (there are: {', '.join(self.objects[:20])})")
+        return self.select(mine)
+
+    def by_time(self) -> "Astrometry":
+        """The same observations by time, those of one time in their order."""
+        return self.select(np.argsort(self.t_s, kind="stable"))
+
+
+ROW_FIELDS = tuple(f.name for f in fields(Astrometry) if f.name not in ("epoch", "left_out", "notices"))
+
+
+def joined(parts: Sequence[Astrometry]) -> Astrometry:
+    """The observations of several tables as one, one after the other, times counted from the earliest epoch.
+
+    Raises
+    ------
+    InputError
+        If there is no table.
+    """
+    if not parts:
+        raise InputError("no observations to join")
+    epoch = min((part.epoch for part in parts), key=lambda one: one - parts[0].epoch)
+    rows = {name: np.concatenate([getattr(part, name) for part in parts]) for name in ROW_FIELDS}
+    rows["t_s"] = np.concatenate([part.t_s + (part.epoch - epoch) for part in parts])
+    counts: dict[str, int] = {}
+    for part in parts:
+        for reason, number in part.left_out.items():
+            counts[reason] = counts.get(reason, 0) + number
+    notices = tuple(dict.fromkeys(notice for part in parts for notice in part.notices))
+    return Astrometry(epoch=epoch, left_out=MappingProxyType(counts), notices=notices, **rows)
