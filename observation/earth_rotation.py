@@ -20,6 +20,7 @@ from nebosvod.timescale import Epoch, utc_jd
 # six-point interpolation at 0.5 d leaves under 1e-6" (0.2 mm on the geostationary ring).
 STEP_DAYS = 0.5
 BLOCK = 16  # nodes computed, and kept, together
+AGAIN = 4  # nodes worth computing per time asked for: an orbit is improved by asking for the same times again
 # Six-point Lagrange denominators prod_{k != j} (j - k) for nodes a unit apart.
 DENOMINATORS = (-120.0, 24.0, -12.0, 12.0, -24.0, 120.0)
 
@@ -33,7 +34,7 @@ def R_icrf_from_cirs(epoch: Epoch, t_s: Array) -> Array:
     days = epoch.fraction + t_s / 86400.0
     first, last = np.floor(days.min() / STEP_DAYS), np.floor(days.max() / STEP_DAYS)
     xys = np.empty((3, days.size))
-    if last - first + 6 < days.size:
+    if last - first + 6 < AGAIN * days.size:
         low, high = int(first - 2) // BLOCK, int(last + 3) // BLOCK
         table = np.concatenate([_nodes(epoch.day, block) for block in range(low, high + 1)], axis=1)
         _interpolate(table, days / STEP_DAYS - low * BLOCK, xys)
