@@ -8,7 +8,8 @@
     figures.py     sigma over time, residuals, noise-to-nuisance
     ellipses.py    prediction ellipses
     geometry.py    plan view of the ecliptic and viewing conditions
-    page.py        make_report: all of it through report.html and style.css
+    base.py        the frame of every page: base.html, macros.html, style.css, script.js, and a policy against requests
+    page.py        make_report: all of it through report.html
 
 Everything comes from the folder: no clock, no environment, so one folder gives one sequence of bytes.
 """

@@ -3,11 +3,10 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
-from nebosvod import __version__
 from nebosvod.report import ellipses, figures, geometry, physical, tables, wording
+from nebosvod.report.base import render
 from nebosvod.report.folder import Item, RunFolder, read_folder
 from nebosvod.report.plate import Plate, style
 from nebosvod.report.verdict import (
@@ -22,8 +21,6 @@ from nebosvod.report.verdict import (
     warnings,
 )
 from nebosvod.report.wording import percent, quantity
-
-HERE = Path(__file__).parent
 
 
 def make_report(folder: Path) -> str:
@@ -44,14 +41,10 @@ def make_report(folder: Path) -> str:
     run = read_folder(Path(folder))
     main = run.main
     words = verdict(run)
-    environment = Environment(
-        loader=FileSystemLoader(HERE), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )  # fmt: skip
-    return environment.get_template("report.html").render(
+    return render(
+        "report.html",
+        kind="Accuracy report",
         run=run,
-        css=Markup((HERE / "style.css").read_text(encoding="utf-8")),
-        program=__version__,
         object_name=object_name(run),
         title=run.summary.get("title") or run.summary["mission"],
         words=words,
@@ -63,7 +56,6 @@ def make_report(folder: Path) -> str:
         kappa=physical.kappa_sentence(run, main) if main else None,
         bars=tables.budget_bars(run, main["name"]) if main else [],
         mission_text=tables.mission_text(run),
-        wording=wording,
     )
 
 
