@@ -55,6 +55,7 @@ def gauss_newton(
     solve: Callable[[LinearProblem], Estimate] = solve_batch,
     tolerance: float = 1e-4,
     limit: int = 20,
+    damped: bool = True,
 ) -> IterationResult:
     """Minimise the nonlinear cost, residuals plus priors, by damped Gauss-Newton steps.
 
@@ -66,6 +67,8 @@ def gauss_newton(
     solve : the linear solver of each step.
     tolerance : convergence when a full step is shorter than this many sigmas (root mean square).
     limit : number of steps allowed.
+    damped : False takes every step whole: for a solver with a gain of its own, whose estimate is not the minimum of
+        this cost.
 
     Returns
     -------
@@ -94,7 +97,7 @@ def gauss_newton(
         if length <= tolerance:
             status = Status.CONVERGED
             break
-        found = _damped(linearise, point, estimate, costs[-1])
+        found = _damped(linearise, point, estimate, costs[-1]) if damped else _whole(linearise, point, estimate)
         if found is None:
             status = Status.DIVERGED
             break
@@ -172,6 +175,15 @@ def _damped(
             return trial, problem, value, fraction
         fraction *= 0.5
     return None
+
+
+def _whole(
+    linearise: Linearise, point: Mapping[str, float], estimate: Estimate
+) -> tuple[dict[str, float], LinearProblem, float, float]:
+    """Take the whole step, whatever becomes of the cost."""
+    moved = {name: point[name] + step for name, step in zip(estimate.names, estimate.mean)}
+    problem = linearise(moved)
+    return moved, problem, cost(_recentred(problem, moved)), 1.0
 
 
 def _about_start(estimate: Estimate, point: Mapping[str, float]) -> Estimate:

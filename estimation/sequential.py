@@ -68,7 +68,7 @@ def solve(problem: LinearProblem, gain: Gain = "formal", gate: float | None = No
     sweep = _Sweep.start(problem, partition)
     limit = np.inf if gate is None else 2.0 * float(gammaincinv(0.5 * problem.p, gate))
     sweep.run(rows, _Fresh.of(problem, whitener), gain, limit)
-    if not _resolved(sweep.P):
+    if not resolved(sweep.P):
         width = rows.shape[2]
         triangle = append_rows(prior_rows(partition, width), rows.reshape(-1, width))
         return not_observable(problem, partition, conditioning(triangle[: sweep.size, : sweep.size]), UNRESOLVED)
@@ -291,17 +291,23 @@ class _Fresh:
         return cls(first=first, source=np.concatenate(sources)[order], N=N)
 
 
+def as_printed_takes_afresh(problem: LinearProblem) -> str:
+    """What the filter as printed gets wrong in this problem, in a sentence; empty where it is right."""
+    first = next(block for block in problem.blocks if block.treatment == "estimated")
+    common = [b.name for b in problem.blocks if b is not first and b.treatment in ("estimated", "considered")]
+    if not common:
+        return ""
+    return (
+        f"the filter as printed takes {', '.join(common)} as fresh noise at each measurement; its covariance is "
+        "wrong when they are common to several (up to 13.6 times too small a sigma)"
+    )
+
+
 def _state_only(problem: LinearProblem) -> LinearProblem:
     """Leave out all estimated blocks but the first, as the printed filter does, and say so."""
     first = next(block for block in problem.blocks if block.treatment == "estimated")
-    common = [b.name for b in problem.blocks if b is not first and b.treatment in ("estimated", "considered")]
-    if common:
-        warnings.warn(
-            f"the filter as printed takes {', '.join(common)} as fresh noise at each measurement; its covariance is "
-            "wrong when they are common to several (up to 13.6 times too small a sigma)",
-            UserWarning,
-            stacklevel=3,
-        )
+    if said := as_printed_takes_afresh(problem):
+        warnings.warn(said, UserWarning, stacklevel=3)
     blocks = tuple(
         replace(b, treatment="considered") if b is not first and b.treatment == "estimated" else b
         for b in problem.blocks
@@ -309,7 +315,7 @@ def _state_only(problem: LinearProblem) -> LinearProblem:
     return replace(problem, blocks=blocks)
 
 
-def _resolved(P: Array) -> bool:
+def resolved(P: Array) -> bool:
     """Whether a covariance that was updated many times still has digits in its smallest direction."""
     if not np.isfinite(P).all():
         return False
