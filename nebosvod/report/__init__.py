@@ -4,7 +4,9 @@
     wording.py     numbers, units, names of planes, parameters and sources, as a reader sees them
     verdict.py     the sentences at the top, each made from numbers
     tables.py      rows for the tables of the page
-    plate.py       a figure: palette, axes, SVG without anything the page does not need
+    chart.py       draws a figure as SVG: panels, lines, dots, bars; scale.py: its axes
+    download.py    the numbers behind a figure as a CSV link
+    plate.py       a finished figure; palette
     figures.py     sigma over time, residuals, noise-to-nuisance
     ellipses.py    prediction ellipses
     geometry.py    plan view of the ecliptic and viewing conditions

@@ -19,6 +19,7 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter
 
+from nebosvod.report.download import Download
 from nebosvod.report.folder import Array
 from nebosvod.report.wording import SUPERSCRIPT, number
 from nebosvod.timescale import SECONDS_PER_DAY, Epoch
@@ -46,12 +47,13 @@ STYLE: dict[Any, Any] = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Plate:
-    """One figure: inline SVG, what it shows (for who cannot see it), and what it says (its caption)."""
+    """One figure: inline SVG, what it shows (for who cannot see it), its caption, its numbers as files."""
 
     key: str
     svg: Markup
     label: str
     caption: Markup
+    data: tuple[Download, ...] = ()
 
 
 def figure(width_in: float, height_in: float, *, rows: int = 1, gap_in: float = 0.15, bottom_in: float = 0.5) -> Figure:

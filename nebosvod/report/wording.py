@@ -68,6 +68,7 @@ METHODS = {
     "recursive": "recursive, augmented",
     "schmidt": "Schmidt-Kalman",
     "two_stage": "two-stage (bias-separated)",
+    "as_printed": "recursive, as printed",
 }
 
 
