@@ -84,6 +84,8 @@ def solve_blocks(problem: LinearProblem, partition: Partition, rows: Array) -> t
 
 def _eliminated(normal: Array, state: IntArray, rest: IntArray) -> tuple[Array | None, Conditioning]:
     """Factor of normal^-1 by eliminating `rest` first: K_x from the Schur complement, then the blocks of u."""
+    if not normal.size:  # priors hold everything exactly
+        return normal, Conditioning(number=1.0, rank=0, direction=np.zeros(0))
     lengths = np.sqrt(np.diag(normal))
     unit = np.where(lengths > 0.0, lengths, 1.0)
     scaled = normal / unit[:, None] / unit[None, :]

@@ -320,7 +320,7 @@ def resolved(P: Array) -> bool:
     if not np.isfinite(P).all():
         return False
     values = np.linalg.eigvalsh(P)
-    return bool(values[0] > LOST * values[-1])
+    return not values.size or bool(values[0] > LOST * values[-1])
 
 
 def _estimate(problem: LinearProblem, partition: Partition, sweep: _Sweep) -> Estimate:

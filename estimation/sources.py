@@ -192,8 +192,9 @@ def _whole_gain(whitener: Whitener, rows: Array, S: Array) -> Array:
 
 def _times(rows: Array, S: Array) -> Array:
     """rows (n, p, s) times S as one product: a stacked matmul would call the library n times."""
-    flat: Array = np.ascontiguousarray(rows).reshape(-1, len(S)) @ S
-    return flat.reshape(*rows.shape[:2], S.shape[1])
+    n, p, size = rows.shape
+    flat: Array = np.ascontiguousarray(rows).reshape(n * p, size) @ S
+    return flat.reshape(n, p, S.shape[1])
 
 
 def _parts(X: Array) -> Iterator[tuple[int, int, Array]]:
@@ -224,8 +225,8 @@ def _white_gram(white: White, start: int, stop: int, X: Array) -> Array:
 
 
 def _gram(left: Array, right: Array) -> Array:
-    size = left.shape[2]
-    product: Array = left.reshape(-1, size).T @ right.reshape(-1, size)
+    n, p, size = left.shape
+    product: Array = left.reshape(n * p, size).T @ right.reshape(n * p, size)
     return product
 
 

@@ -76,6 +76,8 @@ def lower_factor(wide: Array) -> Array:
 
 def gram_factor(gram: Array) -> Array:
     """Factor a Gram matrix (k, k) that is semidefinite by construction; round-off below zero is cut."""
+    if not gram.size:
+        return gram
     values, vectors = np.linalg.eigh(0.5 * (gram + gram.T))
     kept = values > 4.0 * EPS * max(values[-1], 0.0)
     factor: Array = vectors[:, kept] * np.sqrt(values[kept])
@@ -132,6 +134,8 @@ class Conditioning:
 
 def conditioning(R: Array) -> Conditioning:
     """Measure the column-scaled condition number, rank and weakest direction of a triangle."""
+    if not R.size:  # priors hold everything exactly: nothing is left to determine
+        return Conditioning(number=1.0, rank=0, direction=np.zeros(0))
     lengths = np.linalg.norm(R, axis=0)
     unit = np.where(lengths > 0.0, lengths, 1.0)
     _, values, vectors = np.linalg.svd(R / unit)

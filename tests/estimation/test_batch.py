@@ -1,6 +1,7 @@
 """Batch least squares: three ways, all treatments, against dense inversion, closed formulas and Monte Carlo."""
 
 from dataclasses import replace
+from functools import partial
 
 import mpmath
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 from scipy.stats import chi2
 
 from nebosvod.errors import GeometryError, InputError
-from nebosvod.estimation import Block, LinearProblem, Prior, Status, White, batch
+from nebosvod.estimation import Block, LinearProblem, Prior, Status, White, batch, recursive, sequential
 
 WAYS = ("qr", "blocks", "identity")
 EPS = np.finfo(float).eps
@@ -360,3 +361,22 @@ def test_white_sources_with_rows_in_any_order_give_the_same_budget(make_problem,
     assert all(isinstance(w, White) for w in turned)
     found, wanted = batch.solve(replace(problem, white=turned)), batch.solve(problem)
     assert covariance_error(found.shares["z A"], wanted.shares["z A"]) < 1e-12
+
+
+@pytest.mark.parametrize(
+    "solve", [batch.solve, partial(batch.solve, way="identity"), recursive.solve, sequential.solve]
+)
+def test_priors_that_hold_everything_exactly_leave_nothing_to_determine(solve):
+    """As where the prior of a state-only problem vanishes: the estimate is the prior's mean, without an error."""
+    rng = np.random.default_rng(0)
+    block = Block(name="state", names=("x", "y"), H=rng.normal(size=(5, 2, 2)))
+    prior = Prior(name="state", names=("x", "y"), covariance=np.zeros((2, 2)), mean=np.array([1.0, 2.0]))
+    white = White(name="z", H=rng.normal(size=(5, 2, 2)), Q=np.eye(2), rows=np.arange(5))
+    residual = rng.normal(size=(5, 2))
+    found = solve(LinearProblem(residual=residual, R=np.eye(2), blocks=(block,), priors=(prior,), white=(white,)))
+    assert found.status is Status.CONVERGED
+    assert found.mean.tolist() == [1.0, 2.0]
+    assert not found.K_true.any()
+    left = residual - block.H @ found.mean
+    weights = np.linalg.inv(np.eye(2) + white.H @ white.H.transpose(0, 2, 1))
+    assert found.chi2 == pytest.approx(np.einsum("np,npq,nq->", left, weights, left), rel=1e-12)
