@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test check lint types format long bench fuzz schema wheel smoke clean
+.PHONY: demo test check lint types format long bench fuzz schema docs wheel smoke clean
 
 $(STAMP): pyproject.toml
 	$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "nebosvod needs Python 3.11 or newer, this is " + sys.version.split()[0] + "; try: make PYTHON=python3.12")'
@@ -47,6 +47,11 @@ fuzz: $(STAMP)
 
 schema: $(STAMP)
 	$(BIN)/nebosvod schema > scenarios/nebosvod.schema.json
+	$(BIN)/python tools/mission_reference.py
+
+docs: $(STAMP)
+	$(BIN)/sphinx-build -q -W --keep-going docs build/site
+	@echo 'documentation: build/site/index.html'
 
 wheel: $(STAMP)
 	rm -rf dist

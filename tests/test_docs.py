@@ -3,7 +3,10 @@
 import contextlib
 import io
 import re
+import runpy
 import shlex
+import subprocess
+import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +16,7 @@ import pytest
 
 from nebosvod import load_mission
 from nebosvod.cli import main
+from nebosvod.mission import mission_schema
 from nebosvod.result import Result
 
 ROOT = Path(__file__).parent.parent
@@ -74,6 +78,7 @@ def slip(mission: Path) -> None:
 def follow(page: Path) -> list[str]:
     """Do what a page says, in the current folder: save files, run commands and Python; returns what differs."""
     differences, saved, printed = [], "", ""
+    names = {"__name__": "__main__"}  # one for the page: a later example goes on from an earlier one
     for fence in fences(page):
         name = SAVE_AS.search(fence.prose)
         if fence.language == "yaml" and name:
@@ -97,7 +102,7 @@ def follow(page: Path) -> list[str]:
         elif fence.language == "python":
             out = io.StringIO()
             with contextlib.redirect_stdout(out):
-                exec(compile(fence.text, str(page), "exec"), {"__name__": "__main__"})
+                exec(compile(fence.text, str(page), "exec"), names)
             printed = out.getvalue()
         elif fence.language == "text" and printed:
             if words(printed.splitlines()) != words(fence.text.splitlines()):
@@ -144,6 +149,38 @@ def test_every_command_shown_is_a_command_of_the_program(page: Path) -> None:
 def test_following_the_readme_gives_what_the_readme_shows(elsewhere: Path) -> None:
     assert follow(ROOT / "README.md") == []
     assert load_mission("first.yaml").name == "first"
+
+
+def test_following_the_page_on_small_sigmas_gives_what_it_shows(elsewhere: Path) -> None:
+    assert follow(ROOT / "docs" / "why-your-sigma-is-too-small.md") == []
+
+
+def test_the_reference_of_keys_is_the_one_the_schema_gives() -> None:
+    tool = runpy.run_path(str(ROOT / "tools" / "mission_reference.py"))
+    assert tool["page"](mission_schema()) == tool["PAGE"].read_text("utf-8"), "run `make schema`"
+
+
+def test_the_site_is_made_without_a_warning(tmp_path: Path) -> None:
+    made = subprocess.run(
+        [
+            sys.executable,
+            "-m",
+            "sphinx",
+            "-q",
+            "-W",
+            "--keep-going",
+            "-d",
+            tmp_path / "cache",
+            ROOT / "docs",
+            tmp_path / "site",
+        ],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert made.returncode == 0, made.stderr
+    page = (tmp_path / "site" / "index.html").read_text("utf-8")
+    assert [name for name in PAGES[1:] if f'href="{name.stem}.html"' not in page and name.stem != "index"] == []
 
 
 def test_following_the_quick_start_gives_what_it_shows(elsewhere: Path) -> None:
