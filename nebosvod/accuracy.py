@@ -55,7 +55,7 @@ def _rows(scene: Scene, fit: Fit, asked: Sequence[Quantity], sample: Sample | No
         W, names = known_partials(quantity, fit.estimate)
         found = fit.estimate.predict(W, names)
         worst = bound = np.full(len(W), np.nan)
-        if fit.problem.n <= blame.LARGE:
+        if fit.problem.n <= blame.LARGE and not fit.own_gain:  # the search knows the gain of least squares
             worst, bound = worst_sigmas(fit, W, names)
         sure, reason = _guaranteed(few, W, names)
         drawn, interval, missing = _monte_carlo(fit, W, names, sample)

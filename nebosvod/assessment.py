@@ -58,7 +58,8 @@ def assess(
     Notes
     -----
     Estimators with the same treatment of everything have one accuracy: worlds without a source are solved once for
-    them, and the comparison has rows for the first of them. Curves and requirements are those of the first estimator.
+    them, and the comparison has rows for the first of them. Curves and requirements are those of the first estimator
+    that weighs by least squares.
     """
     found = [fit for fit in fits if fit.estimate.solution is not None]
     worlds: dict[Any, Worlds] = {}
@@ -68,10 +69,10 @@ def assess(
     own = {fit.estimator.name: replace(worlds[kind_of_problem(fit)], now=fit.estimate) for fit in found}
     different = [next(fit for fit in found if kind_of_problem(fit) == kind) for kind in worlds]
     ratio, ratio_arrays = _ratio(scene, fits[0])
-    small = found and found[0].problem.n <= blame.LARGE
+    leading = next((fit for fit in found if fit.problem.n <= blame.LARGE and not fit.own_gain), None)
     ratio["required_position"] = []
-    if small:
-        ratio["required_position"] = required(scene, found[0], predicted[found[0].estimator.name])
+    if leading is not None:
+        ratio["required_position"] = required(scene, leading, predicted[leading.estimator.name])
     rows: list[dict[str, Any]] = []
     bent: dict[Any, list[dict[str, Any]]] = {}
     for fit in found:
@@ -87,7 +88,7 @@ def assess(
         budget=[row for fit in found for row in state_rows(scene, fit, own[fit.estimator.name])],
         predictions=rows,
         noise_to_nuisance=ratio,
-        curves=curves(found[0], predicted[found[0].estimator.name]) if small else [],
+        curves=curves(leading, predicted[leading.estimator.name]) if leading is not None else [],
         accuracy_comparison=comparison(scene, different, predicted, samples),
         arrays=ratio_arrays | drawn,
     )

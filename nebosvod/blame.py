@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nebosvod.estimation import Block, Estimate, Markov, Prediction, White, batch, budget
-from nebosvod.fitting import Fit
+from nebosvod.fitting import SOLVERS, Fit
 from nebosvod.predictions import M_PER_KM, Quantity, known_partials
 from nebosvod.prior import STATE_NAMES
 from nebosvod.scene import Scene
@@ -39,19 +39,21 @@ class Worlds:
     @classmethod
     def of(cls, fit: Fit) -> "Worlds":
         """Solve the problem of a fit again for each source and each remedy; a LARGE one is not solved again."""
+        solve = SOLVERS[fit.estimator.method] if fit.own_gain else batch.solve
         then = {}
         for source in fit.estimate.sources if fit.problem.n <= LARGE else ():
             for remedy, factor in REMEDIES.items():
-                estimate = batch.solve(budget.scaled(fit.problem, source, factor))
+                estimate = solve(budget.scaled(fit.problem, source, factor))
                 if estimate.solution is not None:
                     then[remedy, source] = estimate
         return cls(now=fit.estimate, then=then)
 
 
 def kind_of_problem(fit: Fit) -> tuple[tuple[str, str], ...]:
-    """What decides the accuracy of a fit: the treatment of everything; fits with one of these have one budget."""
+    """What decides the accuracy of a fit: its gain, and the treatment of everything; one of these, one budget."""
     groups: tuple[Block | White | Markov, ...] = (*fit.problem.blocks, *fit.problem.white, *fit.problem.markov)
-    return tuple((group.name, group.treatment) for group in groups)
+    gain = fit.estimator.method if fit.own_gain else "least squares"
+    return (("gain", gain), *((group.name, group.treatment) for group in groups))
 
 
 def telescopes_of(scene: Scene) -> dict[str, tuple[str, ...]]:

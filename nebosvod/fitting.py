@@ -1,7 +1,8 @@
 """One estimator on one set of measurements: Gauss-Newton from the nominal point, with the solver the mission names."""
 
+import warnings
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -9,18 +10,43 @@ import numpy.typing as npt
 
 from nebosvod.assembly import Point, View, linear_problem, view
 from nebosvod.dynamics import Trajectory
-from nebosvod.estimation import Estimate, History, LinearProblem, Status, batch, gauss_newton, recursive
+from nebosvod.estimation import (
+    Estimate,
+    History,
+    LinearProblem,
+    Status,
+    batch,
+    gauss_newton,
+    recursive,
+    separated,
+    sequential,
+)
 from nebosvod.mission import Estimator
+from nebosvod.mission.request import OWN_GAIN
 from nebosvod.observation import Observation
 from nebosvod.prior import PriorTable
 from nebosvod.scene import Scene
 
 Array = npt.NDArray[np.float64]
+
+
+def as_printed(problem: LinearProblem) -> Estimate:
+    """The filter as printed; what it warns of is a note of its estimate, for the report to say."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        found = sequential.solve(problem, "as_printed")
+    said = sequential.as_printed_takes_afresh(problem)
+    return replace(found, notes=(*found.notes, said)) if said else found
+
+
 SOLVERS: Mapping[str, Callable[[LinearProblem], Estimate]] = {
     "batch_qr": partial(batch.solve, way="qr"),
     "batch_blocks": partial(batch.solve, way="blocks"),
     "batch_identity": partial(batch.solve, way="identity"),
     "recursive": partial(recursive.solve, history=False),
+    "two_stage": separated.solve,
+    "schmidt": partial(sequential.solve, gain="schmidt"),
+    "as_printed": as_printed,
 }
 
 
@@ -34,7 +60,8 @@ class Fit:
     point : the estimated values; start values where nothing could be estimated.
     problem : the last linear problem.
     seen : orbit and computed measurements at the last point.
-    history : sigmas after each measurement, None where the problem is not observable.
+    history : sigmas after each measurement, of the gain of least squares; None for another gain, and where the
+        problem is not observable.
     """
 
     estimator: Estimator
@@ -47,6 +74,11 @@ class Fit:
     problem: LinearProblem
     seen: View
     history: History | None
+
+    @property
+    def own_gain(self) -> bool:
+        """Whether the estimator weighs otherwise than least squares."""
+        return self.estimator.method in OWN_GAIN
 
     @property
     def trajectory(self) -> Trajectory:
@@ -83,11 +115,14 @@ def fit(scene: Scene, estimator: Estimator, start: View, observed_psi: Array, pr
         latest[0] = view(scene, start.point.moved(deviation), simulates=False) if moved else start
         return linear_problem(scene, estimator, latest[0], observed_psi, priors, about=start.point)
 
-    found = gauss_newton(linearise, solve=SOLVERS[estimator.method], limit=estimator.iterations)
+    own_gain = estimator.method in OWN_GAIN
+    solve = SOLVERS[estimator.method]
+    found = gauss_newton(linearise, solve=solve, limit=estimator.iterations, damped=not own_gain)
     # the last call of the iteration may have been a rejected trial, so the view is taken anew where it ended
     problem = linearise(found.deviation)
     seen = latest[0]
-    history = recursive.solve(problem).history if found.estimate.solution is not None else None
+    shown = found.estimate.solution is not None and not own_gain
+    history = recursive.solve(problem).history if shown else None
     return Fit(
         estimator=estimator,
         estimate=found.estimate,

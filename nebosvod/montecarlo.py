@@ -5,7 +5,6 @@ time are computed in full. Run i draws from its own seed, so the result does not
 Every truth is estimated with one factorisation of the problem at the reference (`nebosvod.estimation.repeated`).
 """
 
-import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -18,14 +17,13 @@ from nebosvod.estimation import Estimate, LinearProblem
 from nebosvod.estimation.repeated import Repeated
 from nebosvod.fitting import SOLVERS
 from nebosvod.mission import Estimator
+from nebosvod.mission.request import OWN_GAIN
 from nebosvod.observation import Common, draw_noise, draw_truth, measure, residual
 from nebosvod.prior import STATE_NAMES, PriorTable
 from nebosvod.scene import Scene
 
 Array = npt.NDArray[np.float64]
 LEVELS = (0.5, 0.9, 0.99)
-# these all give K_formal H^T W v, so one factor serves every residual; any other method is solved anew for each
-ONE_FACTOR = ("batch_qr", "batch_blocks", "batch_identity", "recursive")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -72,8 +70,9 @@ class Estimating:
     def of(cls, scene: Scene, estimator: Estimator, nominal: View, priors: PriorTable) -> "Estimating":
         """Prepare an estimator at the nominal point."""
         base = linear_problem(scene, estimator, nominal, computed_psi(nominal), priors, about=nominal.point)
-        reference = _solved(estimator, base)
-        affine = estimator.method in ONE_FACTOR and reference.solution is not None
+        reference = SOLVERS[estimator.method](base)
+        # all but these give K_formal H^T W v, so one factor serves every residual; these are solved anew for each
+        affine = estimator.method not in OWN_GAIN and reference.solution is not None
         repeated = Repeated.of(base, reference) if affine else None
         return cls(estimator=estimator, base=base, reference=reference, repeated=repeated)
 
@@ -85,14 +84,7 @@ class Estimating:
 
     def solved_anew(self, one: Array) -> Array:
         """Estimated deviations (s,) by the estimator's own method, from the measurements on."""
-        return _solved(self.estimator, replace(self.base, residual=one)).mean
-
-
-def _solved(estimator: Estimator, problem: LinearProblem) -> Estimate:
-    """Solve by the estimator's method; what it warns of (the filter as printed) is judged here, not repeated."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)
-        return SOLVERS[estimator.method](problem)
+        return SOLVERS[self.estimator.method](replace(self.base, residual=one)).mean
 
 
 def repeat(

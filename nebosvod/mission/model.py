@@ -59,6 +59,11 @@ class CovariancePrior:
     frame: Literal["ecliptic_j2000", "icrf"]
 
 
+def as_method(estimator: Estimator, treatment: Treatment) -> Treatment:
+    """What a method makes of a treatment: the filter as printed estimates the state alone and considers the rest."""
+    return "considered" if estimator.method == "as_printed" and treatment == "estimated" else treatment
+
+
 class Mission(Block):
     """One mission file."""
 
@@ -145,14 +150,15 @@ class Mission(Block):
     def treatment(self, estimator: Estimator, group: str) -> Treatment:
         """What an estimator does with a group of dynamic parameters (`Parameter.group`)."""
         if group in estimator.treatment:
-            return estimator.treatment[group]
-        return next((p.treatment for p in self.parameters if p.group == group), "fixed")
+            return as_method(estimator, estimator.treatment[group])
+        return as_method(estimator, next((p.treatment for p in self.parameters if p.group == group), "fixed"))
 
     @staticmethod
     def source_treatment(estimator: Estimator, source: Source) -> Treatment:
         """What an estimator does with a source: its own word, the most particular one, else the mission's."""
         own = (estimator.treatment[key] for key in source.keys if key in estimator.treatment)
-        return next(own, source.error.treatment)
+        treatment = next(own, source.error.treatment)
+        return treatment if source.fresh else as_method(estimator, treatment)
 
     def telescope(self, name: str) -> Telescope:
         """The telescope of a name."""

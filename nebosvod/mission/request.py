@@ -24,7 +24,9 @@ from nebosvod.mission.orbit import Frame
 from nebosvod.mission.telescope import MAX_TELESCOPES
 from nebosvod.timescale import Epoch
 
-METHODS = ("batch_qr", "batch_blocks", "batch_identity", "recursive")
+Method = Literal["batch_qr", "batch_blocks", "batch_identity", "recursive", "two_stage", "schmidt", "as_printed"]
+OWN_GAIN = ("schmidt", "as_printed")  # methods whose gain is not that of least squares
+FROM_A_PRIOR = ("two_stage", *OWN_GAIN)  # methods that start from a prior of everything they estimate
 PARAMETER_GROUPS = ("radius", "mass", "albedo", "thermal_emission", "A1", "A2", "A3", "a1_residual")
 
 
@@ -149,7 +151,7 @@ class Estimator(Block):
     """One way to estimate; `treatment` overrides what the mission says of a group, for this estimator only."""
 
     name: Text
-    method: Literal["batch_qr", "batch_blocks", "batch_identity", "recursive"]
+    method: Method
     treatment: dict[str, Treatment] = Field(
         default_factory=dict,
         description=f"Treatment by group: {', '.join(PARAMETER_GROUPS)}, bias, position, timing, photocentre; "

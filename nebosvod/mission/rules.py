@@ -13,7 +13,7 @@ from nebosvod.errors import DataError, InputError
 from nebosvod.mission.fields import KeyPath
 from nebosvod.mission.model import Mission
 from nebosvod.mission.orbit import SbdbOrbit
-from nebosvod.mission.request import PARAMETER_GROUPS, Estimator, Prior, SkyPrediction
+from nebosvod.mission.request import FROM_A_PRIOR, OWN_GAIN, PARAMETER_GROUPS, Estimator, Prior, SkyPrediction
 from nebosvod.mission.sources import GROUPS
 from nebosvod.mission.uncertainty import Position
 from nebosvod.timescale import Epoch
@@ -29,7 +29,8 @@ def complaints(mission: Mission) -> list[Complaint]:
     """Everything that does not fit together, each with the path of the value to change."""
     prior = list(_prior(mission))
     # the rules of estimators ask what is in the prior
-    overrides = [] if prior else (_estimator(mission, i, e) for i, e in enumerate(mission.estimators))
+    rules = (_estimator, _method)
+    overrides = [] if prior else (rule(mission, i, e) for i, e in enumerate(mission.estimators) for rule in rules)
     return list(
         islice(chain(_references(mission), _shared(mission), _coverage(mission), prior, *overrides), MAX_PROBLEMS + 1)
     )
@@ -184,6 +185,36 @@ def _estimator(mission: Mission, index: int, estimator: Estimator) -> Iterator[C
         pair = {mission.treatment(estimator, group) for group in ("radius", "mass")}
         if len(pair) > 1 and mission.treatment(estimator, "radius") != "fixed":
             yield here, "radius and mass (from density) are correlated and need one treatment"
+
+
+def _method(mission: Mission, index: int, estimator: Estimator) -> Iterator[Complaint]:
+    """A filter that starts from a prior has one of everything it estimates, and can do what the mission asks."""
+    method, place = estimator.method, ("estimators", index, "method")
+    if method not in FROM_A_PRIOR:
+        return
+    if mission.prior == "none":
+        text = f"{method} starts from a prior orbit, and the mission has none; give prior a sigma or a covariance"
+        yield place, f"{text}, or use recursive, which does without"
+    treatment = {p.group: mission.treatment(estimator, p.group) for p in mission.parameters}
+    own = {s.name: mission.source_treatment(estimator, s) for s in mission.sources}
+    joint = {f"{name.lower()}_au_d2" for name in mission.joint_parameters}
+    sized = {p.group: p.sigma is not None or p.name in joint for p in mission.parameters}
+    sized |= {s.name: s.error.has_sigma for s in mission.sources}
+    lacking = [name for name, what in (treatment | own).items() if what in ("estimated", "considered")]
+    lacking = [name for name in lacking if not sized[name]]
+    if lacking:
+        yield (
+            place,
+            f"{method} needs a sigma of {', '.join(lacking)}; give it one, or use recursive, which does without",
+        )
+    slow = [s.name for s in mission.sources if s.slow and own[s.name] != "fixed"]
+    if method in OWN_GAIN and slow:
+        text = f"{method} cannot carry an error correlated in time ({', '.join(slow)})"
+        yield place, f"{text}; use another correlation or treatment fixed for it, or recursive, which carries it"
+    common = [s.name for s in mission.sources if not (s.fresh or s.slow)]
+    if method == "two_stage" and "estimated" not in [*treatment.values(), *(own[name] for name in common)]:
+        text = "two_stage separates the orbit from what else is estimated, and nothing else is"
+        yield place, f"{text}; estimate a bias or a parameter of the body, or use recursive"
 
 
 def _known_groups(mission: Mission) -> dict[str, bool]:

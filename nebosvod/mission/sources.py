@@ -58,6 +58,16 @@ class Source:
     error: Error
     path: KeyPath
 
+    @property
+    def fresh(self) -> bool:
+        """Whether it is drawn anew at each measurement."""
+        return getattr(self.error, "correlation", "") == "white"
+
+    @property
+    def slow(self) -> bool:
+        """Whether it is correlated in time with a memory that fades: a state of its own, not a constant."""
+        return getattr(self.error, "correlation", "") == "gauss_markov"
+
 
 def sources(telescopes: tuple[Telescope, ...], shared: tuple[Shared, ...], target: Target) -> Iterator[Source]:
     """Every source of a mission: of each telescope, shared, and the photocentre of the object."""

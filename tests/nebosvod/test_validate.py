@@ -8,7 +8,6 @@ import subprocess
 import sys
 import time
 from dataclasses import asdict
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +18,6 @@ import nebosvod
 from nebosvod.campaign import CHUNK_RUNS, Campaign, CampaignFolder, Setting, chunk_path, compute_chunk
 from nebosvod.cli import main
 from nebosvod.errors import InputError, OutputError
-from nebosvod.estimation import sequential
-from nebosvod.fitting import SOLVERS
 from nebosvod.mission import Mission, load_mission, load_mission_text
 from nebosvod.mission.builtin import builtin_names
 from nebosvod.validate import summary, validate
@@ -242,29 +239,44 @@ PRIOR = "prior: {sigma: {position: 1000 km, velocity: 1 m/s}}\n"
 
 
 def judged_here(mission: Mission, runs: int) -> dict[str, Any]:
-    """A campaign inside this process, for estimators that no mission file can name."""
+    """A campaign inside this process, without a folder."""
     setting = Setting.of(mission)
     campaign = Campaign.of(mission, SEED, False, setting.nominal.observation.t_s.size)
     chunk = compute_chunk(setting, setting.passes(), campaign, range(runs))
     return summary(setting, campaign, runs, chunk)
 
 
-def test_the_filter_as_printed_is_caught_by_its_own_claim(minimal_text: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_filter_as_printed_is_caught_by_its_own_claim(minimal_text: str) -> None:
     """It counts a common bias and a common radius as fresh noise at each measurement and believes itself too good."""
-    printed = partial(sequential.solve, gain="as_printed")
-    monkeypatch.setattr("nebosvod.montecarlo.SOLVERS", {**SOLVERS, "as_printed": printed})
     text = minimal_text.replace("sigma: 0.05 arcsec", "sigma: 0.5 arcsec")
-    mission = load_mission_text(text.replace("predictions:", PRIOR + "predictions:"))
-    wrong = mission.estimators[0].model_copy(update={"name": "printed", "method": "as_printed"})
-    found = judged_here(mission.model_copy(update={"estimators": (wrong, mission.estimators[0])}), 400)
+    estimators = "estimators: [{name: printed, method: as_printed}, {name: batch, method: batch_qr}]\n"
+    found = judged_here(load_mission_text(text.replace("predictions:", PRIOR + estimators + "predictions:")), 400)
     assert not found["passed"]
     caught, honest = found["estimators"]
     assert caught["claims_formal"]
+    assert caught["left_out"] == ["radius", "mass", "albedo", "bias ahead", "bias behind"]
     assert not caught["judged"]["formal"]["consistent"]
     assert "optimistic" in caught["judged"]["formal"]["verdict"]
     assert caught["judged"]["true"]["consistent"]
     assert caught["judged"]["true"]["nis"] == []
     assert honest["passed"]
+
+
+def test_schmidt_keeps_its_own_claim_and_two_stage_the_one_of_the_batch(minimal_text: str) -> None:
+    estimators = (
+        "estimators:\n"
+        "  - {name: schmidt, method: schmidt, treatment: {bias: considered, radius: considered}}\n"
+        "  - {name: two stages, method: two_stage}\n"
+    )
+    found = judged_here(
+        load_mission_text(minimal_text.replace("predictions:", PRIOR + estimators + "predictions:")), 400
+    )
+    assert found["passed"], found["verdict"]
+    schmidt, stages = found["estimators"]
+    assert schmidt["claims_formal"]
+    assert schmidt["left_out"]
+    assert schmidt["judged"]["formal"]["consistent"]
+    assert stages["check_sigma"] < 1e-9  # its own method against the batch's factor, in sigmas
 
 
 @pytest.mark.long
