@@ -172,7 +172,9 @@ def validate(
 
 @app.command()
 @click.argument("mission")
-@click.option("--prediction", "-p", required=True, help="Name of a prediction of the mission.")
+@click.option(
+    "--prediction", "-p", help="Name of a prediction of the mission [default: its first encounter, or first]."
+)
 @click.option("--visits", "-k", type=int, default=5, show_default=True, help="How many visits to schedule.")
 @click.option("--estimator", help="Name of an estimator [default: the first].")
 @click.option(
@@ -186,7 +188,7 @@ def validate(
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON, and nothing else, on stdout.")
 def plan(
     mission: str,
-    prediction: str,
+    prediction: str | None,
     visits: int,
     estimator: str | None,
     criterion: str,

@@ -55,7 +55,7 @@ class Wish:
 
 def read_wish(
     mission: Mission,
-    prediction: str,
+    prediction: str | None,
     visits: int,
     estimator: str | None,
     criterion: str,
@@ -67,7 +67,7 @@ def read_wish(
     Raises
     ------
     InputError
-        If an epoch or a duration cannot be read; names the option.
+        If an epoch or a duration cannot be read, or no prediction is named and there is none; names the option.
     """
     start, end, step = window
     times: dict[str, float] = {}
@@ -79,7 +79,7 @@ def read_wish(
         else:
             default = _duration("--visit-time", text)
     return Wish(
-        prediction=prediction,
+        prediction=prediction or _usual_prediction(mission),
         visits=visits,
         estimator=estimator,
         criterion="d" if criterion == "d" else "a",
@@ -89,6 +89,14 @@ def read_wish(
         visit_s=times,
         visit_default_s=default,
     )
+
+
+def _usual_prediction(mission: Mission) -> str:
+    """The prediction to improve when none is named: the first at an encounter, else the first."""
+    if not mission.predictions:
+        raise InputError(f"{mission.path or mission.name}: predictions: there is none, so nothing to plan for; add one")
+    encounters = [one.name for one in mission.predictions if hasattr(one, "near")]
+    return [*encounters, mission.predictions[0].name][0]
 
 
 def _epoch(option: str, text: str) -> Epoch:

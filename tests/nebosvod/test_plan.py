@@ -13,7 +13,7 @@ from nebosvod.errors import GeometryError, InputError
 from nebosvod.estimation import Estimate
 from nebosvod.fitting import SOLVERS
 from nebosvod.mission import Mission, load_mission, load_mission_text
-from nebosvod.plan import Wish, plan
+from nebosvod.plan import Wish, plan, read_wish
 from nebosvod.predictions import quantity
 from nebosvod.prior import prior_table
 from nebosvod.scene import build_scene
@@ -185,3 +185,16 @@ def test_the_command_prints_advice_and_writes_json(tmp_path: Path, capsys: pytes
     assert main(["plan", "minimal", "-p", NAME, "-o", str(path)]) == 3
     with pytest.raises(InputError):
         plan(load_mission("minimal"), Wish(prediction="nothing"))
+
+
+def test_without_a_named_prediction_the_first_encounter_is_improved(minimal_text: str) -> None:
+    def wished(text: str) -> str:
+        return read_wish(load_mission_text(text), None, 5, None, "a", (None, None, None), ()).prediction
+
+    head = minimal_text[: minimal_text.index("predictions:")]
+    place = "{name: place, plane: position, at: 2028-04-29 TDB}"
+    near = "{name: pass, plane: b_plane, body: earth, near: 2028-04-28 TDB}"
+    assert wished(f"{head}predictions: [{place}, {near}]\n") == "pass"
+    assert wished(f"{head}predictions: [{place}]\n") == "place"
+    with pytest.raises(InputError, match="predictions: there is none"):
+        wished(head)
