@@ -63,7 +63,7 @@ def test_version_and_help(capsys: pytest.CaptureFixture[str]) -> None:
         ["validate"],
         ["validate", "minimal", "--workers", "0"],
         ["validate", "minimal", "--runs", "many"],
-        ["plan", "minimal"],
+        ["plan"],
         ["plan", "minimal", "-p", "x", "--criterion", "e"],
     ],
 )
