@@ -6,8 +6,9 @@ The table of contents of this package; see docs/mission.md for the file and the 
 from nebosvod.mission.builtin import list_missions, template_text
 from nebosvod.mission.cost import Cost, estimate_cost
 from nebosvod.mission.fields import Treatment
+from nebosvod.mission.fit import FitMission
 from nebosvod.mission.model import SCHEMA_VERSION, CovariancePrior, Mission
-from nebosvod.mission.reading import load_mission, load_mission_text
+from nebosvod.mission.reading import load_fit, load_mission, load_mission_text
 from nebosvod.mission.request import (
     Arc,
     EncounterPrediction,
@@ -32,6 +33,7 @@ __all__ = [
     "CovariancePrior",
     "EncounterPrediction",
     "Estimator",
+    "FitMission",
     "Geostationary",
     "Heliocentric",
     "Mission",
@@ -51,6 +53,7 @@ __all__ = [
     "Treatment",
     "estimate_cost",
     "list_missions",
+    "load_fit",
     "load_mission",
     "load_mission_text",
     "mission_schema",

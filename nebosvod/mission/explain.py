@@ -38,7 +38,8 @@ _QUOTED = re.compile(r"'([^']*)'")
 class Explainer:
     """Knows where everything of one file stands, and turns pydantic's errors into problems."""
 
-    def __init__(self, file: YamlFile, tree: Tree, aliases: Aliases) -> None:
+    def __init__(self, file: YamlFile, tree: Tree, aliases: Aliases, root: type[BaseModel] = Mission) -> None:
+        self.root = root
         self.file = file
         self.tree = tree
         self.aliases = aliases
@@ -75,7 +76,7 @@ class Explainer:
         if kind == "missing":
             return [self.problem((*path, *rest[-1:]), "is missing; every block of this kind needs it")]
         if kind == "extra_forbidden":
-            return [self.problem(path, _unknown_key(str(path[-1]), _keys_at(detail["loc"][:-1])), key=True)]
+            return [self.problem(path, _unknown_key(str(path[-1]), _keys_at(self.root, detail["loc"][:-1])), key=True)]
         if kind == "union_tag_not_found":
             tag = context["discriminator"].strip("'")
             if not isinstance(self._value(path), dict):
@@ -164,9 +165,9 @@ def _choice(got: str, expected: str) -> str:
     return f'is not one of the choices (got "{shown(got, 60)}"; allowed {", ".join(words)}){hint}'
 
 
-def _keys_at(location: tuple[int | str, ...]) -> list[str]:
-    """The keys that the block at a location may have."""
-    models: list[type[BaseModel]] = [Mission]
+def _keys_at(root: type[BaseModel], location: tuple[int | str, ...]) -> list[str]:
+    """The keys that the block at a location below the root may have."""
+    models: list[type[BaseModel]] = [root]
     for part in location:
         if not isinstance(part, str):
             continue

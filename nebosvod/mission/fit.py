@@ -1,25 +1,19 @@
 """A file for `nebosvod fit`: real observations in place of telescopes and a schedule."""
 
-from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 from pydantic import Field, PrivateAttr
 
-from nebosvod.mission.fields import (
-    Block,
-    KeyPath,
-    Parsed,
-    PositiveNumber,
-    Several,
-    Text,
-    When,
-)
+from nebosvod.errors import InputError
 from nebosvod.mission.covariance import Array, Matrix
-from nebosvod.mission.model import Mission
+from nebosvod.mission.fields import Block, KeyPath, PositiveNumber, Several, Text, When
+from nebosvod.mission.model import DEFAULT_ESTIMATOR, CovariancePrior, Mission
 from nebosvod.mission.orbit import Frame, SbdbOrbit, StateOrbit
-from nebosvod.mission.request import Arc, Estimator, SkyPrediction, internal_covariance, scales
-from nebosvod.mission.sources import KINDS, Group, Source
+from nebosvod.mission.request import Arc, Estimator, TelescopeNames, internal_covariance, scales
+from nebosvod.mission.sources import KINDS, Error, Group, Source
 from nebosvod.mission.spacecraft import OemFile, Spk, Tabulated
 from nebosvod.mission.target import Orbit, Target
 from nebosvod.mission.telescope import Telescope
@@ -27,6 +21,232 @@ from nebosvod.mission.uncertainty import Bias, Position, Timing
 from nebosvod.timescale import Epoch
 
 Complaint = tuple[KeyPath, str]
-NAME = "fit"  # of the one estimator
 NOT_HERE = ("telescopes", "shared", "schedule", "estimators", "monte_carlo", "reference_epoch")
 MAX_FILES = 1000
+J2000 = "2000-01-01T12:00:00 TDB"
+TITLES: dict[str, str] = {"bias": "bias", "position": "telescope position", "timing": "timing"}
+
+
+def _nowhere() -> StateOrbit:
+    """What stands for an orbit nobody has given: found from the observations before anything is computed from it."""
+    return _state_orbit(Epoch.parse(J2000), np.array([1.5e8, 0.0, 0.0, 0.0, 30.0, 0.0]))
+
+
+def _state_orbit(epoch: Epoch, state: Array) -> StateOrbit:
+    """An orbit from numbers in internal units, which the fields would want as text with units."""
+    numbers = tuple(np.asarray(state).tolist())
+    return StateOrbit.model_construct(
+        kind="state", frame="icrf", epoch=epoch, position=numbers[:3], velocity=numbers[3:]
+    )
+
+
+class FitObject(Target):
+    """The object of a fit: everything about it may be left to the observations."""
+
+    name: Text = "object"
+    orbit: Orbit = Field(default_factory=_nowhere, description="A start; found from the observations when absent")
+
+    @property
+    def given_orbit(self) -> Orbit | None:
+        """The orbit somebody has given, if any."""
+        return self.orbit if "orbit" in self.model_fields_set else None
+
+
+class StationUncertainty(Block):
+    """One kind of error of some stations: of each its own, or one that all of them share."""
+
+    stations: TelescopeNames = "all"
+    shared: Text | None = Field(None, description="Name of the one source they share; each has its own when absent")
+    bias: Bias | None = None
+    position: Position | None = None
+    timing: Timing | None = None
+
+    def complaints(self) -> list[Complaint]:
+        """Exactly one kind; a fresh draw at every exposure cannot be shared."""
+        said = [kind for kind in KINDS if getattr(self, kind) is not None]
+        if len(said) != 1:
+            got = f"got {' and '.join(said)}" if said else "got none"
+            return [((), f"needs exactly one of bias, position, timing ({got}); write one entry for each")]
+        if self.shared and self.position is not None and self.position.correlation in ("white", "orbit_error"):
+            text = f"{self.position.correlation} errors cannot be shared by stations; use constant or gauss_markov"
+            return [(("position", "correlation"), text)]
+        return []
+
+    @property
+    def group(self) -> Group:
+        """The kind."""
+        return next(kind for kind in KINDS if getattr(self, kind) is not None)
+
+    @property
+    def error(self) -> Error:
+        """The block of the kind."""
+        error: Error = getattr(self, self.group)
+        return error
+
+
+class Rejection(Block):
+    """When an observation is left out, in chi squared of its two components (Carpino et al. 2003)."""
+
+    enabled: bool = True
+    reject: Annotated[float, Field(gt=0.0, le=1e6, description="Left out above this")] = 8.0
+    recover: Annotated[float, Field(gt=0.0, le=1e6, description="Taken back below this")] = 7.0
+    fraction: Annotated[float, Field(ge=0.0, lt=1.0, description="Of the largest: only those above go at once")] = 0.25
+    fudge: Annotated[float, Field(ge=0.0, le=1e9, description="More for few observations: fudge / 1.2^n")] = 400.0
+
+    def complaints(self) -> list[Complaint]:
+        """Nothing goes to and fro."""
+        if self.recover > self.reject:
+            return [(("recover",), f"must not exceed reject (got {self.recover:g}; reject {self.reject:g})")]
+        return []
+
+
+class Reference(Block):
+    """An orbit to compare with, in sigmas; its covariance too, where it has one."""
+
+    name: Text = "reference"
+    orbit: Orbit
+    covariance: Matrix | None = Field(None, description="Of the orbit; kind sbdb brings its own")
+    names: Several[str] | None = Field(None, description="Of its rows: e q tp node peri i, or x y z vx vy vz")
+    frame: Frame | None = None
+
+    def complaints(self) -> list[Complaint]:
+        """Names fit the matrix."""
+        if (self.covariance is None) != (self.names is None):
+            return [(("names",), "covariance and names go together")]
+        if self.covariance is None or self.names is None:
+            return []
+        try:
+            scales(self.names, len(self.covariance))
+        except InputError as error:
+            return [(("names",), str(error))]
+        return []
+
+    @property
+    def joint(self) -> CovariancePrior | None:
+        """The covariance of elements or state in internal units, if there is one."""
+        names, matrix, frame = self.names, self.covariance, self.frame
+        if isinstance(self.orbit, SbdbOrbit) and matrix is None:
+            names, matrix, frame = self.orbit.covariance.labels, self.orbit.covariance.data, self.orbit.frame
+        if names is None or matrix is None:
+            return None
+        keep = tuple(name for name in names if name not in ("A1", "A2", "A3"))
+        return CovariancePrior(
+            names=keep,
+            covariance=internal_covariance(names, matrix, keep),
+            epoch=self.orbit.epoch,
+            representation="state" if "x" in names else "cometary",
+            frame=frame or ("icrf" if "x" in names else "ecliptic_j2000"),
+        )
+
+
+StationOrbit = Annotated[Tabulated | Spk | OemFile, Field(discriminator="kind")]
+
+
+class FitPlan(Block):
+    """Which observations, what they weigh, what is uncertain beside their noise, and what is asked."""
+
+    observations: Annotated[Several[Text], Field(min_length=1, max_length=MAX_FILES, description="Files beside it")]
+    designation: Text | None = Field(None, description="Of the object, where the files hold several")
+    weights: Text | None = Field(None, description="A table of weight rules that come before the built-in ones")
+    debias: Text | None = Field(None, description="The table of star-catalogue biases (Eggl et al. 2020)")
+    rejection: Rejection = Rejection()
+    uncertainty: Annotated[Several[StationUncertainty], Field(max_length=1000)] = ()
+    spacecraft: dict[Text, StationOrbit] = Field(default_factory=dict, description="Trajectories, by station")
+    epoch: When | None = Field(None, description="Of the answer; 0h TDB amid the observations when absent")
+    epochs: Annotated[Several[When], Field(max_length=1000, description="More epochs for the table of states")] = ()
+    iterations: Annotated[int, Field(ge=1, le=200, description="Cap of Gauss-Newton iterations")] = 30
+    noise_scale: PositiveNumber = Field(1.0, description="Factor on every sigma of the observations")
+    reference: Reference | None = None
+
+
+class FitMission(Mission):
+    """One file for `nebosvod fit`, or the same made from a command line."""
+
+    object: FitObject = Field(default_factory=FitObject)
+    reference_epoch: When = Field(default_factory=lambda: Epoch.parse(J2000))
+    telescopes: Several[Telescope] = ()
+    schedule: Several[Arc] = ()
+    estimators: Several[Estimator] = (DEFAULT_ESTIMATOR,)
+    fit: FitPlan
+
+    _stations: tuple[str, ...] = PrivateAttr(default=())
+
+    def complaints(self) -> list[Complaint]:
+        """What belongs to a simulated mission has no place here; a prior orbit must be given."""
+        found: list[Complaint] = [
+            ((key,), "belongs to a mission that is simulated; a file with fit has none")
+            for key in NOT_HERE
+            if key in self.model_fields_set and not self._stations
+        ]
+        if self.prior == "orbit" and self.object.given_orbit is None:
+            found.append((("prior",), "orbit means the covariance that came with object.orbit, and there is none"))
+        shared = [entry.shared for entry in self.fit.uncertainty if entry.shared]
+        if len(set(shared)) != len(shared):
+            found.append((("fit", "uncertainty"), "two entries share one name; give each its own"))
+        return found
+
+    def of(self, designation: str, stations: tuple[str, ...], epoch: Epoch, state: Array) -> "FitMission":
+        """The same for one object seen by these telescopes, with an orbit found: its heliocentric ICRF state (6,)."""
+        orbit = _state_orbit(epoch, state)
+        name = designation if "name" not in self.object.model_fields_set else self.object.name
+        made = self.model_copy(
+            update={
+                "object": self.object.model_copy(update={"orbit": orbit, "name": name}),
+                "reference_epoch": epoch,
+            }
+        )
+        made._path, made._text, made._stations = self._path, self._text, stations
+        return made
+
+    @property
+    def sources(self) -> tuple[Source, ...]:
+        """What the file says is uncertain about the stations that observed."""
+        found = []
+        for i, entry in enumerate(self.fit.uncertainty):
+            whom = tuple(name for name in self._stations if entry.stations == "all" or plain(name) in entry.stations)
+            path = ("fit", "uncertainty", i, entry.group)
+            groups = [(entry.shared, whom)] if entry.shared else [(None, (name,)) for name in whom]
+            for shared, names in groups:
+                if names:
+                    title = shared or f"{_title(entry)} {names[0]}"
+                    found.append(
+                        Source(
+                            name=title,
+                            group=entry.group,
+                            keys=(title, entry.group),
+                            telescopes=names,
+                            error=entry.error,
+                            path=path,
+                        )
+                    )
+        return tuple(found)
+
+    @property
+    def input_files(self) -> tuple[Path, ...]:
+        """Files beside this one that it reads, for the record."""
+        named = [*self.fit.observations, self.fit.weights, self.fit.debias, self.force_model.ephemeris]
+        named += [orbit.file for orbit in self.fit.spacecraft.values()]
+        named += [getattr(self.object.given_orbit, "file", None)]
+        return tuple(self.beside(name) for name in dict.fromkeys(named) if name is not None)
+
+    def epochs(self) -> Iterable[tuple[KeyPath, Epoch]]:
+        """Every epoch at which the ephemeris is needed, with its path in the file."""
+        if self.object.given_orbit is not None:
+            yield ("object", "orbit", "epoch"), self.object.orbit.epoch
+        if self.fit.epoch is not None:
+            yield ("fit", "epoch"), self.fit.epoch
+        for i, epoch in enumerate(self.fit.epochs):
+            yield ("fit", "epochs", i), epoch
+        for i, item in enumerate(self.predictions):
+            yield ("predictions", i, "near" if hasattr(item, "near") else "at"), item.when
+
+
+def plain(telescope: str) -> str:
+    """The station of a telescope; several places of one station at one time are told apart as "247", "247/2"."""
+    return telescope.partition("/")[0]
+
+
+def _title(entry: StationUncertainty) -> str:
+    if isinstance(entry.error, Position) and entry.error.correlation == "orbit_error":
+        return "orbit error"
+    return TITLES[entry.group]

@@ -63,7 +63,36 @@ def resolve_files(tree: dict[str, Tree], folder: Path | None) -> tuple[dict[str,
         except InputError as error:
             found.append((("object", "orbit", "file"), str(error)))
         tree = {**tree, "object": {**target, "orbit": orbit}}
+    if isinstance(tree.get("fit"), dict):
+        plan, complaints = _fit_files(tree["fit"], folder)
+        tree, found = {**tree, "fit": plan}, [*found, *complaints]
     return tree, found
+
+
+def _fit_files(plan: Any, folder: Path | None) -> tuple[dict[str, Any], list[Complaint]]:
+    """The `fit` block with the content of the reference orbit's file, and the paths of the others checked."""
+    named: list[tuple[KeyPath, Any]] = [(("fit", key), plan.get(key)) for key in ("weights", "debias")]
+    files = plan.get("observations")
+    named += [(("fit", "observations", i), file) for i, file in enumerate(files if isinstance(files, list) else [])]
+    carriers = plan.get("spacecraft")
+    for station, orbit in carriers.items() if isinstance(carriers, dict) else ():
+        if isinstance(orbit, dict):
+            named.append((("fit", "spacecraft", station, "file"), orbit.get("file")))
+    found: list[Complaint] = []
+    for path, name in named:
+        try:
+            if name is not None:
+                inside(folder, name)
+        except InputError as error:
+            found.append((path, str(error)))
+    reference = plan.get("reference")
+    orbit = reference.get("orbit") if isinstance(reference, dict) else None
+    if isinstance(orbit, dict) and orbit.get("kind") == "sbdb" and orbit.get("file") is not None:
+        try:
+            plan = {**plan, "reference": {**reference, "orbit": _with_file(orbit, folder)}}
+        except InputError as error:
+            found.append((("fit", "reference", "orbit", "file"), str(error)))
+    return plan, found
 
 
 def _with_file(orbit: dict[str, Any], folder: Path | None) -> dict[str, Any]:

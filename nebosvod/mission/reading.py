@@ -13,6 +13,7 @@ from nebosvod.mission import cost, rules
 from nebosvod.mission.builtin import builtin_names, builtin_path
 from nebosvod.mission.explain import Explainer
 from nebosvod.mission.fields import KeyPath
+from nebosvod.mission.fit import FitMission
 from nebosvod.mission.inherit import resolve_like
 from nebosvod.mission.inputs import resolve_files
 from nebosvod.mission.model import SCHEMA_VERSION, Mission
@@ -39,6 +40,20 @@ def load_mission(path: str | Path) -> Mission:
     return _load(parse_yaml(read_text(file), shown(str(path))), file)
 
 
+def load_fit(path: str | Path) -> FitMission:
+    """Load a file for `nebosvod fit`.
+
+    Raises
+    ------
+    InputError
+        As `load_mission` does, and if the file is a mission to be simulated.
+    """
+    mission = load_mission(path)
+    if not isinstance(mission, FitMission):
+        raise InputError(f"{shown(str(path))}: has no fit block; it is a mission for: nebosvod run {shown(str(path))}")
+    return mission
+
+
 def load_mission_text(text: str, name: str = "mission") -> Mission:
     """Load a mission from text; `name` stands for the file in messages. It may not refer to other files."""
     return _load(parse_yaml(text, name), None)
@@ -58,10 +73,11 @@ def _load(file: YamlFile, path: Path | None) -> Mission:
         raise _refusal(file, [Problem(Mark(1, 1), "a mission is a block of keys, such as schema_version: 1")])
     _refuse_newer(file, tree)
     tree, found = resolve_files(tree, path.parent if path is not None else None)
-    explainer = Explainer(file, tree, aliases)
+    model = FitMission if "fit" in tree else Mission
+    explainer = Explainer(file, tree, aliases, model)
     problems += [*file.problems, *(explainer.problem(*item) for item in (*found, *_repeated_names(tree, explainer)))]
     try:
-        mission = Mission.model_validate(tree)
+        mission = model.model_validate(tree)
     except ValidationError as error:
         raise _refusal(file, problems + explainer.explain(error)) from None
     problems += [explainer.problem(*item) for item in (*rules.complaints(mission), *cost.complaints(mission))]

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from nebosvod.errors import DataError, InputError
 from nebosvod.mission.fields import KeyPath
+from nebosvod.mission.fit import FitMission
 from nebosvod.mission.model import Mission
 from nebosvod.mission.orbit import SbdbOrbit
 from nebosvod.mission.request import FROM_A_PRIOR, OWN_GAIN, PARAMETER_GROUPS, Estimator, Prior, SkyPrediction
@@ -28,12 +29,32 @@ MAX_PROBLEMS = 50  # shown of one file; looking for near names takes time
 def complaints(mission: Mission) -> list[Complaint]:
     """Everything that does not fit together, each with the path of the value to change."""
     prior = list(_prior(mission))
+    if isinstance(mission, FitMission):
+        return list(islice(chain(_stations(mission), _coverage(mission), prior), MAX_PROBLEMS + 1))
     # the rules of estimators ask what is in the prior
     rules = (_estimator, _method)
     overrides = [] if prior else (rule(mission, i, e) for i, e in enumerate(mission.estimators) for rule in rules)
     return list(
         islice(chain(_references(mission), _shared(mission), _coverage(mission), prior, *overrides), MAX_PROBLEMS + 1)
     )
+
+
+def _stations(mission: FitMission) -> Iterator[Complaint]:
+    """Stations exist, and an orbit error has an orbit to fly on."""
+    from nebosvod.observation import obscodes
+
+    named: list[tuple[KeyPath, str]] = [
+        (("predictions", i, "from"), item.telescope)
+        for i, item in enumerate(mission.predictions)
+        if isinstance(item, SkyPrediction)
+    ]
+    named += [(("fit", "spacecraft", code), code) for code in mission.fit.spacecraft]
+    for i, entry in enumerate(mission.fit.uncertainty):
+        if entry.stations != "all":
+            named += [(("fit", "uncertainty", i, "stations", j), code) for j, code in enumerate(entry.stations)]
+    for path, code in named:
+        if not obscodes.known(code):
+            yield path, obscodes.unknown(code)
 
 
 def unknown(wanted: str, known: Iterable[str], what: str) -> str:
