@@ -19,6 +19,7 @@ import numpy.typing as npt
 from nebosvod.errors import InputError
 
 SECONDS_PER_DAY = 86400.0
+Integers = npt.NDArray[np.int64]
 Scale = Literal["tdb", "tt", "utc"]
 SCALES: tuple[Scale, ...] = ("tdb", "tt", "utc")
 HINT = 'say the scale, for example "2028-11-15T00:00:00 TDB", "2028-11-15 UTC" or "2459215.5 JD TDB"'
@@ -122,19 +123,42 @@ def utc_jd(epoch: Epoch, t_s: npt.ArrayLike) -> tuple[npt.NDArray[np.float64], n
     return _from_tdb(np.full(t.shape, epoch.day), epoch.fraction + t / SECONDS_PER_DAY, "utc")
 
 
+def tdb_from_utc(
+    year: Integers, month: Integers, day: Integers, second: npt.NDArray[np.float64]
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.bool_]]:
+    """Two-part TDB Julian dates of UTC calendar dates (n,) that exist and seconds of the day (n,), from 1960 on.
+
+    The third array says where the second is one of its day: below 86400, or below 86401 on a day with a leap second.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", erfa.ErfaWarning)
+        late = np.maximum(second - 86340.0, 0.0)  # seconds of the last minute, which alone may have sixty-one
+        hour, minute = np.divmod(np.minimum(second, 86340.0), 3600.0)
+        minute, rest = np.divmod(minute, 60.0)
+        jd1, jd2 = erfa.dtf2d("UTC", year, month, day, hour.astype(int), minute.astype(int), rest + late)
+        noon = erfa.dat(year, month, day, 0.5)
+        following = erfa.jd2cal(jd1, 1.0)
+        steps = erfa.dat(*following[:3], 0.0) - noon
+    day_length = 86400.0 + np.where(steps > 0.5, 1.0, 0.0)
+    day1, day2 = _to_tdb(jd1, jd2, "utc")
+    return day1, day2, second < day_length
+
+
 def _tdb_minus_tt(jd1: npt.ArrayLike, jd2: npt.ArrayLike) -> npt.NDArray[np.float64]:
     """TDB - TT in seconds at the geocentre; the argument may be in either scale."""
     offset: npt.NDArray[np.float64] = erfa.dtdb(jd1, jd2, 0.0, 0.0, 0.0, 0.0)
     return offset
 
 
-def _to_tdb(jd1: float, jd2: float, scale: Scale) -> tuple[float, float]:
+def _to_tdb(
+    jd1: npt.ArrayLike, jd2: npt.ArrayLike, scale: Scale
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
     """Two-part date in `scale` -> TDB."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", erfa.ErfaWarning)
         if scale == "utc":
             jd1, jd2 = erfa.taitt(*erfa.utctai(jd1, jd2))
-        tdb: tuple[float, float] = erfa.tttdb(jd1, jd2, _tdb_minus_tt(jd1, jd2))
+        tdb: tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]] = erfa.tttdb(jd1, jd2, _tdb_minus_tt(jd1, jd2))
     return tdb
 
 

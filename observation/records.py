@@ -42,6 +42,7 @@ class Astrometry:
         observer on the ground (`roving`) ITRF; nan where the station tells it.
     position_covariance_km2 : (n, 3, 3) its stated covariance on the same axes; nan where none is stated.
     roving : (n,) whether the observer stood at `position_km` on the turning Earth.
+    precision_rad : (n, 2) what one step of the last digit written is worth in RA cos Dec and Dec; nan where unknown.
     magnitude, band : (n,) stated magnitude, nan where none, and its band.
     discovery : (n,) whether the record carries the discovery mark.
     left_out : how many records of the files were not read, by reason ("radar", "deleted", ...).
@@ -68,8 +69,13 @@ class Astrometry:
     magnitude: Array
     band: Texts
     discovery: Flags
+    precision_rad: Array = field(default_factory=lambda: np.empty((0, 2)))
     left_out: Mapping[str, int] = field(default_factory=lambda: MappingProxyType({}))
     notices: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if len(self.precision_rad) != len(self.t_s):
+            object.__setattr__(self, "precision_rad", np.full((len(self.t_s), 2), np.nan))
 
     def __len__(self) -> int:
         """Number of observations."""

