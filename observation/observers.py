@@ -1,0 +1,273 @@
+"""Where the observer of each record was, for records of many stations at once.
+
+A trajectory file given for the station comes first, then the position the record states (spacecraft, roving observers),
+then the MPC's parallax constants of the station. Ground sites all go through one pass over the Earth's rotation: IAU
+2006/2000A precession-nutation (erfa), UT1 and polar motion of `earth_orientation`.
+
+A record that states a position states no velocity. It is taken from the nearest other record of the station, if that
+lies within a twelfth of an orbit: two positions and the fall between them give the velocity to 0.5 %. Elsewhere the
+observer is given the velocity of the centre its position counts from; `velocity_known` tells. The velocity enters the
+partials of a clock error and RTN axes, nothing else.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import erfa
+import numpy as np
+
+from nebosvod.errors import InputError
+from nebosvod.observation import obscodes
+from nebosvod.observation.constants import EARTH_ROTATION_RAD_S
+from nebosvod.observation.contracts import Array, Ephemeris
+from nebosvod.observation.earth_orientation import Orientation, orientation
+from nebosvod.observation.recorded_places import RecordedPlaces
+from nebosvod.observation.records import Astrometry, Flags, Rows, Texts
+from nebosvod.observation.sites import MPC_EARTH_RADIUS_KM, GroundSite
+from nebosvod.observation.spacecraft import Spacecraft
+from nebosvod.timescale import Epoch
+
+# Cells in which a costly series minus a cheap one is constant: of nutation 2000A minus 2000B to 0.03 mas (1 mm), of
+# TDB - TT minus its leading terms to 1e-8 s
+CELL_DAYS = 0.25
+LARGEST_PHASE = 0.5  # of an orbit, rad, over which two positions give the velocity
+LARGEST_GAP_S = 86400.0
+SAME_TIME_S = 1e-5
+LISTED = 5
+ORIGINS = {"ssb": "barycentre"}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Observers:
+    """The observers of a table of records, row by row.
+
+    Attributes
+    ----------
+    epoch, t_s : reference epoch and times (n,) of the records.
+    telescope : (n,) name of the telescope of each record: the station's code; records of one station at one time but
+        at different places (roving observers) are told apart as "247", "247/2" ...
+    state_km_km_s : (n, 6) barycentric ICRF.
+    velocity_known : (n,) whether the velocity is that of the observer; see the module.
+    spacecraft : telescope -> what `observe` and the nuisances ask for states.
+    notices : what stands in for missing tables, one sentence each.
+    """
+
+    epoch: Epoch
+    t_s: Array
+    telescope: Texts
+    state_km_km_s: Array
+    velocity_known: Flags
+    spacecraft: Mapping[str, Spacecraft]
+    notices: tuple[str, ...]
+
+
+def telescopes(
+    astrometry: Astrometry, ephemeris: Ephemeris, *, files: Mapping[str, Spacecraft] = MappingProxyType({})
+) -> Observers:
+    """Place the observer of every record.
+
+    Parameters
+    ----------
+    files : station -> trajectory (`read_spk`, `read_oem`, any spacecraft); it is used instead of stated positions.
+
+    Raises
+    ------
+    InputError
+        If a station does not exist, or has no fixed place while the record states none either; names file and line.
+    CoverageError
+        If the ephemeris or a trajectory file does not cover a record.
+    """
+    epoch, t_s, station = astrometry.epoch, astrometry.t_s, astrometry.station
+    filed = np.isin(station, list(files))
+    stated = ~filed & (astrometry.centre != "")
+    floating = stated & ~astrometry.roving
+    itrf = _sites(astrometry, ~filed & ~floating)
+    ground = np.isfinite(itrf[:, 0])
+    states, velocity_known = np.empty((t_s.size, 6)), np.ones(t_s.size, dtype=np.bool_)
+    notices: tuple[str, ...] = ()
+    if ground.any():
+        geocentric, earth = ground_states(itrf[ground], epoch, t_s[ground])
+        states[ground] = geocentric + ephemeris.state_km_km_s("earth", epoch, t_s[ground])
+        notices = earth.notices()
+    for code in np.unique(station[filed]):
+        mine = station == code
+        states[mine] = files[str(code)].state_km_km_s(ephemeris, epoch, t_s[mine])
+    for code in np.unique(station[floating]):
+        mine = np.flatnonzero(floating & (station == code))
+        states[mine], velocity_known[mine] = _floating_states(astrometry, mine, ephemeris)
+    name = _names(station, t_s, states)
+    return Observers(
+        epoch=epoch,
+        t_s=t_s,
+        telescope=name,
+        state_km_km_s=states,
+        velocity_known=velocity_known,
+        spacecraft=_spacecraft(astrometry, name, states, np.where(stated[:, None], np.nan, itrf), files),
+        notices=notices,
+    )
+
+
+def ground_states(itrf_km: Array, epoch: Epoch, t_s: Array) -> tuple[Array, Orientation]:
+    """Geocentric ICRF states (n, 6) of places (n, 3) on the Earth, and the orientation they were turned by.
+
+    Notes
+    -----
+    IERS Conventions 2010, eq. 5.1 without the celestial pole offsets (0.3 mas: 1 cm) and the daily tides of pole and
+    UT1 (0.5 mas, 0.05 ms: 2 cm). Left out as everywhere in nebosvod: the scale of TDB-compatible coordinates, 10 cm.
+    """
+    if len(t_s) == 0:
+        empty = np.empty(0)
+        none = np.empty(0, dtype=np.bool_)
+        return np.empty((0, 6)), Orientation(
+            ut1_jd=(empty, empty), x_pole_rad=empty, y_pole_rad=empty, before=none, after=none, beyond_days=0.0
+        )
+    days = epoch.fraction + t_s / 86400.0
+    day = np.full(t_s.size, epoch.day)
+    cells, cell = np.unique(np.floor(days / CELL_DAYS), return_inverse=True)
+    centres = (cells + 0.5) * CELL_DAYS
+    middle = np.full(centres.size, epoch.day)
+    slow = np.stack(erfa.xys06a(middle, centres)) - np.stack(erfa.xys00b(middle, centres))
+    x, y, s = np.stack(erfa.xys00b(day, days)) + slow[:, cell]
+    relativity = erfa.dtdb(middle, centres, 0.0, 0.0, 0.0, 0.0) - _leading_tdb_minus_tt(epoch.day, centres)
+    tt = days - (relativity[cell] + _leading_tdb_minus_tt(epoch.day, days)) / 86400.0
+    earth = orientation(day, tt)
+    pole = erfa.pom00(earth.x_pole_rad, earth.y_pole_rad, erfa.sp00(day, tt))
+    fixed = np.einsum("nji,nj->ni", pole, itrf_km)
+    turned = np.zeros((t_s.size, 2, 3))
+    angle = erfa.era00(*earth.ut1_jd)
+    cos, sin = np.cos(angle), np.sin(angle)
+    turned[:, 0, 0], turned[:, 0, 1] = cos * fixed[:, 0] - sin * fixed[:, 1], sin * fixed[:, 0] + cos * fixed[:, 1]
+    turned[:, 0, 2] = fixed[:, 2]
+    turned[:, 1, 0], turned[:, 1, 1] = -EARTH_ROTATION_RAD_S * turned[:, 0, 1], EARTH_ROTATION_RAD_S * turned[:, 0, 0]
+    return (turned @ erfa.c2ixys(x, y, s)).reshape(-1, 6), earth
+
+
+def _leading_tdb_minus_tt(day: float, days: Array) -> Array:
+    """The annual terms of TDB - TT, s: Astronomical Almanac 2010, section B7."""
+    g = np.radians(357.53 + 0.98560028 * ((day - 2451545.0) + days))
+    return np.asarray(0.001657 * np.sin(g) + 0.000014 * np.sin(2.0 * g))
+
+
+def _sites(astrometry: Astrometry, wanted: Flags) -> Array:
+    """ITRF places (n, 3), km, of the records that stand on the ground; nan elsewhere.
+
+    Raises
+    ------
+    InputError
+        For a station that does not exist, or has no place, naming file and line of the first records.
+    """
+    places, inverse = np.unique(astrometry.station, return_inverse=True)
+    known = np.full((places.size, 3), np.nan)
+    table = obscodes.codes()
+    for i, code in enumerate(places.tolist()):
+        row = table.get(code, {})
+        if row.get("Longitude") is not None:
+            angle = np.radians(row["Longitude"])
+            known[i] = row["cos"] * np.cos(angle), row["cos"] * np.sin(angle), row["sin"]
+    itrf = np.where(wanted[:, None], MPC_EARTH_RADIUS_KM * known[inverse], np.nan)
+    roving = wanted & astrometry.roving
+    itrf[roving] = astrometry.position_km[roving]
+    lost = np.flatnonzero(wanted & ~np.isfinite(itrf).all(axis=1))
+    if lost.size:
+        raise InputError("\n".join(_no_place(astrometry, int(i)) for i in lost[:LISTED]))
+    return itrf
+
+
+def _no_place(astrometry: Astrometry, i: int) -> str:
+    """The sentence about a record whose observer could be anywhere."""
+    code, where = str(astrometry.station[i]), f"{astrometry.path[i]}:{astrometry.line[i]}"
+    if not obscodes.known(code):
+        return f"{where}: {obscodes.unknown(code)}"
+    return (
+        f"{where}: observatory {obscodes.described(code)} has no fixed place and the record states no position; "
+        f"give the position in the record or a trajectory file (SPK, OEM) for station {code}"
+    )
+
+
+def _floating_states(astrometry: Astrometry, rows: Rows, ephemeris: Ephemeris) -> tuple[Array, Flags]:
+    """Barycentric states (r, 6) of records of one station that state where they were, and where the velocity holds."""
+    t_s, place, centre = astrometry.t_s[rows], astrometry.position_km[rows], astrometry.centre[rows]
+    lost = rows[~np.isfinite(place).all(axis=1)]
+    if lost.size:
+        raise InputError("\n".join(_no_place(astrometry, int(i)) for i in lost[:LISTED]))
+    states, known = np.empty((rows.size, 6)), np.zeros(rows.size, dtype=np.bool_)
+    for body in np.unique(centre):
+        mine = centre == body
+        gm = ephemeris.gm_km3_s2["sun" if body == "ssb" else str(body)]
+        velocity, known[mine] = velocities(t_s[mine], place[mine], gm)
+        states[mine] = np.concatenate([place[mine], velocity], axis=1)
+        if body != "ssb":
+            states[mine] += ephemeris.state_km_km_s(str(body), astrometry.epoch, t_s[mine])
+    return states, known
+
+
+def velocities(t_s: Array, place_km: Array, gm_km3_s2: float) -> tuple[Array, Flags]:
+    """Velocities (r, 3), km/s, of one spacecraft from its positions (r, 3) about a centre, and which were found.
+
+    Notes
+    -----
+    With the acceleration a = -GM r / r^3 linear between two positions, v1 = (r2 - r1) / dt - dt (2 a1 + a2) / 6; the
+    error is v (n dt)^3 / 24 for motion with phase n dt, 0.5 % at the largest phase allowed. Zero where no other
+    position is near enough.
+    """
+    velocity, known = np.zeros_like(place_km), np.zeros(t_s.size, dtype=np.bool_)
+    order = np.argsort(t_s, kind="stable")
+    t, r = t_s[order], place_km[order]
+    distance = np.linalg.norm(r, axis=1, keepdims=True)
+    fall = -gm_km3_s2 * r / np.maximum(distance, 1.0) ** 3
+    rate = np.sqrt(gm_km3_s2 / np.maximum(distance[:, 0], 1.0) ** 3)
+    best = np.full(t.size, np.inf)
+    for shift in (1, -1):
+        other = np.arange(t.size) + shift
+        inside = (other >= 0) & (other < t.size)
+        other = np.where(inside, other, 0)
+        dt = np.where(inside, t[other] - t, 0.0)
+        gap = np.abs(dt)
+        good = (gap > SAME_TIME_S) & (gap < LARGEST_GAP_S) & (gap * rate < LARGEST_PHASE) & (gap < best)
+        step = np.where(good, dt, 1.0)[:, None]
+        found = (r[other] - r) / step - step * (2.0 * fall + fall[other]) / 6.0
+        velocity[order[good]] = found[good]
+        known[order[good]] = True
+        best[good] = gap[good]
+    return velocity, known
+
+
+def _names(station: Texts, t_s: Array, states: Array) -> Texts:
+    """Names of telescopes (n,): the station; with a number where a station was in several places at one time."""
+    order = np.lexsort((t_s, station))
+    same = (station[order][1:] == station[order][:-1]) & (np.diff(t_s[order]) < SAME_TIME_S)
+    apart = np.linalg.norm(np.diff(states[order, :3], axis=0), axis=1) > 1e-3
+    if not np.any(same & apart):
+        return station
+    name = station.astype(object)
+    number = 1
+    for k in np.flatnonzero(same):
+        number = (number if k and same[k - 1] else 1) + int(apart[k])
+        if number > 1:
+            name[order[k + 1]] = f"{station[order[k + 1]]}/{number}"
+    return name.astype(np.str_)
+
+
+def _spacecraft(
+    astrometry: Astrometry, name: Texts, states: Array, itrf: Array, files: Mapping[str, Spacecraft]
+) -> Mapping[str, Spacecraft]:
+    """Telescope -> recorded places, with the site or the trajectory file behind them where there is one."""
+    table: dict[str, Spacecraft] = {}
+    for telescope in dict.fromkeys(name.tolist()):
+        rows = np.flatnonzero(name == telescope)
+        rows = rows[np.argsort(astrometry.t_s[rows], kind="stable")]
+        code = str(astrometry.station[rows[0]])
+        carrier = files.get(code)
+        if carrier is None and np.isfinite(itrf[rows]).all():
+            carrier = GroundSite(itrf_km=itrf[rows[0]], extrapolate=True)
+        centres = set(astrometry.centre[rows].tolist())
+        table[telescope] = RecordedPlaces(
+            name=telescope,
+            centre=carrier.centre if carrier else "sun" if centres & {"sun", "ssb"} else "earth",
+            epoch=astrometry.epoch,
+            t_s=astrometry.t_s[rows],
+            states=states[rows],
+            carrier=carrier,
+        )
+    return MappingProxyType(table)
