@@ -33,7 +33,6 @@ def render(template: str, **words: Any) -> str:
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     return _environment().get_template(template).render(
         program=__version__,
-        wording=wording,
         css=Markup((HERE / "style.css").read_text(encoding="utf-8")),
         script=Markup(script),
         policy=f"default-src 'none'; style-src 'unsafe-inline'; img-src data:; script-src 'sha256-{digest}'",
@@ -44,7 +43,9 @@ def render(template: str, **words: Any) -> str:
 @cache
 def _environment() -> Environment:
     """Templates of this folder; everything is escaped, and a name that nobody gave is an error."""
-    return Environment(
+    made = Environment(
         loader=FileSystemLoader(HERE), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True,
         keep_trailing_newline=True,
     )  # fmt: skip
+    made.globals["wording"] = wording  # macros see it too
+    return made

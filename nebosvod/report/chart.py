@@ -48,7 +48,7 @@ class Chart:
               right: float | None = None, title: str = "") -> "Panel":  # fmt: skip
         """Add a panel between heights `top` and `bottom`; its left edge leaves room for the tick texts of y."""
         edge = left if left is not None else (18.0 if y.label else 4.0) + CHARACTER * y.width + 5.0
-        return Panel(self, x, y, (edge, top, self.width - 6.0 if right is None else right, bottom), title)
+        return Panel(self, x, y, (edge, top, self.width - 13.0 if right is None else right, bottom), title)
 
     def legend(self, entries: Sequence[tuple[str, str, dict[str, Any]]], top: float, left: float = 6.0) -> float:
         """Name what is drawn, in as many lines as it takes; returns the height below the last.
@@ -136,6 +136,11 @@ class Panel:
         text = "".join(f"M{a:.2f} {b:.2f}{shape}" for a, b in zip(px[good].tolist(), py[good].tolist()))
         self._path(text, name, **marker_look(marker, **look))
 
+    def marks(self, points: Sequence[tuple[float, float]], marker: str, name: str, **look: Any) -> None:
+        """A marker at each of some points (x, y)."""
+        x, y = np.array(points, dtype=np.float64).reshape(-1, 2).T
+        self.dots(x, y, marker, name, **look)
+
     def band(self, x: Any, low: Any, high: Any, **look: Any) -> None:
         """The area between two lines."""
         px, bottom = self.at(x, low)
@@ -169,7 +174,7 @@ class Panel:
 
     def _axes(self, title: str) -> None:
         """Grid, ticks, labels."""
-        chart, rows = self.chart, self.y.kind == "linear" and not self.y.label
+        chart, rows = self.chart, not self.y.label
         grid = []
         for value, _ in self.x.ticks:
             grid.append(f"M{self.at([value], [self.y.low])[0][0]:.1f} {self.top:.1f}V{self.bottom:.1f}")
@@ -178,15 +183,15 @@ class Panel:
         chart.parts.append('<g class="axes">')
         chart.add("path", d="".join(grid), class_="grid")
         chart.add("path", d=f"M{self.left:.1f} {self.top:.1f}V{self.bottom:.1f}H{self.right:.1f}", class_="frame")
-        for value, text in self.x.ticks:
+        for value, text in () if self.x.silent else self.x.ticks:
             chart.text(self.at([value], [self.y.low])[0][0], self.bottom + 12.5, text, anchor="middle")
-        for value, text in self.y.ticks:
+        for value, text in () if self.y.silent else self.y.ticks:
             chart.text(self.left - 4.0, self.at([self.x.low], [value])[1][0] + 3.6, text, anchor="end",
                        **({"class_": "row"} if rows else {}))  # fmt: skip
         chart.parts.append("</g>")
-        if self.x.label:
+        if self.x.label and not self.x.silent:
             chart.text((self.left + self.right) / 2, self.bottom + 27.0, self.x.label, anchor="middle", class_="name")
-        if self.y.label:
+        if self.y.label and not self.y.silent:
             middle = (self.top + self.bottom) / 2
             place = f"rotate(-90 11 {middle:.1f})"
             chart.text(11.0, middle, self.y.label, anchor="middle", class_="name", transform=place)
@@ -200,6 +205,7 @@ def marker_look(marker: str, color: str = INK, size: float = 3.0, hollow: bool =
         cap = "round" if marker == "o" else "square"
         wide = size if marker == "o" else 0.88 * size
         return {"stroke": color, "stroke_width": round(wide, 2), "stroke_linecap": cap, "fill": "none", **more}
+    hollow = hollow or marker in "OS"
     if marker in "P|":
         return {"stroke": color, "stroke_width": 1.6, "fill": "none", **more}
     if hollow:

@@ -1,7 +1,7 @@
 """The numbers behind a figure or a table as a CSV file inside the page: a `data:` link that works without a script."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 from urllib.parse import quote
@@ -23,7 +23,7 @@ class Download:
         return "data:text/csv;charset=utf-8," + quote(self.text, safe="/,:;=+*()'!~@$?|")
 
 
-def csv(name: str, columns: Mapping[str, Sequence[Any]]) -> Download:
+def csv(name: str, columns: Mapping[str, Any]) -> Download:
     """A CSV file from columns of equal length, named with their units; what is not a finite number stays empty."""
     lines = [",".join(_cell(head) for head in columns)]
     lines += [",".join(_cell(cell) for cell in row) for row in zip(*columns.values(), strict=True)]

@@ -5,14 +5,19 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
+from nebosvod.report.chart import Chart, band_grey
+from nebosvod.report.download import csv
 from nebosvod.report.folder import Array, Item, RunFolder
-from nebosvod.report.plate import BLUE, GREY, INK, SERIES, VERMILION, Plate, figure, log_axis, plate, thin, time_axis
+from nebosvod.report.plate import BLUE, GREY, INK, SERIES, VERMILION, Plate, thin
+from nebosvod.report.scale import calendar, linear, logarithmic
 from nebosvod.report.wording import NBSP, count, finite, join, quantity
 from nebosvod.timescale import SECONDS_PER_DAY
 
 ARCSEC = np.pi / 648000.0
 UNDETERMINED_KM = 1.495978707e6  # 0.01 au: a larger position sigma says only that the orbit is not determined yet
 MANY = 30  # from so many measurements on, a root mean square says something of the noise model
+FORMAL: dict[str, Any] = {"stroke": VERMILION, "stroke_width": 1.4, "stroke_dasharray": "5 3"}
+MOST = 600  # dots of one telescope in one panel: more cannot be told apart
 
 
 def sigma_over_time(run: RunFolder) -> Plate | None:
@@ -34,27 +39,38 @@ def _sigma_plate(run: RunFolder, name: str, t: Array, true: Array, formal: Array
         shown = usable
     if np.count_nonzero(shown) < 2:
         return None
-    fig = figure(5.2, 3.3, rows=2)
-    upper, lower = fig.subplots(2, 1, sharex=True, height_ratios=(3.2, 1.0))
     days = t / SECONDS_PER_DAY
-    upper.plot(days[shown], true[shown], color=BLUE, label="true: what the error really is")
+    dates, few = calendar(run.epoch, t), thin(int(np.count_nonzero(shown)))
+    chart = Chart("history", height=292.0)
+    every = true[shown] if formal is None else np.concatenate([true[shown], formal[shown]])
+    upper = chart.panel(dates.silenced(), logarithmic(every, "position sigma, km"), top=8.0, bottom=168.0, left=58.0)
+    upper.open()
+    upper.line(days[shown][few], true[shown][few], "true", stroke=BLUE, stroke_width=2)
     if formal is not None:
-        upper.plot(
-            days[shown], formal[shown], color=VERMILION, ls=(0, (4, 2)), label="formal: what the estimator reports"
-        )
-    log_axis(upper)
-    upper.set_ylabel("position sigma, km")
-    upper.legend(loc="upper right")
-    lower.step(days, np.arange(1, len(t) + 1), where="post", color=INK, lw=1.2)
-    lower.set_ylabel("measurements")
-    lower.set_ylim(0, None)
-    time_axis(lower, run.epoch, t)
-    fig.align_ylabels()
-    return plate(
-        fig,
-        "history",
+        upper.line(days[shown][few], formal[shown][few], "formal", **FORMAL)
+    upper.close()
+    n = np.arange(1.0, len(t) + 1.0)
+    lower = chart.panel(dates, linear([0.0, n[-1]], "count", most=3), top=180.0, bottom=232.0, left=58.0)
+    lower.open()
+    lower.line(days[thin(len(t))], n[thin(len(t))], "measurements", stroke=INK, stroke_width=1.3)
+    lower.close()
+    entries: list[tuple[str, str, dict[str, Any]]] = [
+        ("line", "true: what the error really is", {"stroke": BLUE, "stroke_width": 2})
+    ]
+    if formal is not None:
+        entries.append(("line", "formal: what the estimator reports", FORMAL))
+    chart.height = chart.legend(entries, 274.0, 54.0)
+    columns: dict[str, Any] = {
+        "days_after_reference": days[thin(len(t))],
+        "measurements": n[thin(len(t))],
+        "sigma_position_km": true[thin(len(t))],
+    }
+    if formal is not None:
+        columns["sigma_formal_position_km"] = formal[thin(len(t))]
+    return chart.plate(
         f"Position sigma of the estimator {name} after each measurement, logarithmic",
         _sigma_caption(name, t, true, formal, shown),
+        [csv("history", columns)],
     )
 
 
@@ -100,48 +116,51 @@ def residuals(run: RunFolder, estimator: Item) -> Plate | None:
     after = after / ARCSEC
     sigma = None if sigma is None else sigma / ARCSEC
     seen = [i for i in range(len(run.telescopes)) if np.any(index == i)]
-    fig = figure(5.2, 0.6 + 1.4 * len(seen), rows=len(seen), gap_in=0.27)
-    panels = fig.subplots(len(seen), 2, sharex=True, sharey=True, squeeze=False)
-    reach = float(np.nanmax(np.abs(after))) * 1.08 or 1.0
+    reach = float(np.nanmax(np.abs(after))) * 1.04 or 1.0
     unit, factor = ("mas", 1e3) if reach < 0.1 else ("arcsec", 1.0)
+    y = linear([-factor * reach, factor * reach], f"residual, {unit}", pad=0.0, most=4)
+    dates = calendar(run.epoch, t, most=2.6)
+    chart = Chart("residuals", height=42.0 + 112.0 * len(seen))
     for row, i in enumerate(seen):
         mine = np.flatnonzero(index == i)
-        days = t[mine] / SECONDS_PER_DAY
+        mine = mine[thin(len(mine), MOST)]
         for column, part in enumerate(("RA cos Dec", "Dec")):
-            axes = panels[row, column]
-            _one_residual(
-                axes, days, factor * after[mine, column], None if sigma is None else factor * sigma[mine, column], i
+            band = None if sigma is None else factor * sigma[mine, column]
+            left = (54.0, 252.0)[column]
+            last = row == len(seen) - 1
+            x, side = dates if last else dates.silenced(), y if column == 0 else y.silenced()
+            panel = chart.panel(
+                x,
+                side,
+                top=18.0 + 112.0 * row,
+                bottom=108.0 + 112.0 * row,
+                left=left,
+                right=left + 182.0,
+                title=f"{run.telescopes[i]}, {part}",
             )
-            axes.set_ylim(-factor * reach, factor * reach)
-            axes.set_title(f"{run.telescopes[i]}, {part}", loc="left")
-        panels[row, 0].set_ylabel(f"residual, {unit}")
-    for axes in panels[-1]:
-        time_axis(axes, run.epoch, t, right=0.12)
-        axes.xaxis.set_major_locator(_every_other(axes))
+            days = t[mine] / SECONDS_PER_DAY
+            if band is not None:
+                panel.band(days, -band, band, **band_grey())
+            panel.level(0.0, stroke=GREY, stroke_width=0.7)
+            panel.open()
+            colour, marker = SERIES[i % len(SERIES)]
+            panel.dots(
+                days,
+                factor * after[mine, column],
+                marker,
+                f"{run.telescopes[i]}, {part}",
+                color=colour,
+                size=2.6,
+                opacity=0.85,
+            )
+            panel.close()
     label = f"Residuals of the estimator {estimator['name']} in right ascension and declination, by telescope"
-    return plate(fig, "residuals", label, _residual_caption(run, estimator, after, sigma, np.asarray(index), seen))
-
-
-def _every_other(axes: Any) -> Any:
-    """The axis' locator, thinned where half a page wide panels would make its dates collide."""
-    locator = axes.xaxis.get_major_locator()
-    ticks = list(locator.locs)
-    texts = [axes.xaxis.get_major_formatter()(x, i) for i, x in enumerate(ticks)]
-    room = 3 if max(map(len, texts), default=0) <= 7 else 2
-    step = -(-len(ticks) // room) or 1
-    kept = texts[::step]
-    axes.xaxis.set_major_formatter(lambda _, i: kept[i] if i is not None and i < len(kept) else "")
-    return type(locator)(ticks[::step])
-
-
-def _one_residual(axes: Any, days: Array, value: Array, sigma: Array | None, i: int) -> None:
-    """One panel of the residual figure."""
-    colour, marker = SERIES[i % len(SERIES)]
-    few = thin(len(days), 600)
-    if sigma is not None:
-        axes.fill_between(days[few], -sigma[few], sigma[few], color=GREY, alpha=0.22, lw=0)
-    axes.axhline(0.0, color=GREY, lw=0.7)
-    axes.plot(days[few], value[few], marker, ms=2.4, mew=0, color=colour, alpha=0.85)
+    few = thin(len(t))
+    columns = {"days_after_reference": (t / SECONDS_PER_DAY)[few], "telescope": [run.telescopes[i] for i in index[few]],
+               "residual_ra_arcsec": after[few, 0], "residual_dec_arcsec": after[few, 1]}  # fmt: skip
+    return chart.plate(
+        label, _residual_caption(run, estimator, after, sigma, np.asarray(index), seen), [csv("residuals", columns)]
+    )
 
 
 def _residual_caption(
@@ -171,7 +190,7 @@ def _residual_caption(
 
 
 def noise_to_nuisance(run: RunFolder) -> Plate | None:
-    """Noise-to-nuisance ratio of each measurement, dB."""
+    """Noise-to-nuisance ratio of each measurement, dB, and the telescope position error that equals the noise."""
     block = run.summary.get("noise_to_nuisance") or {}
     eta, t, index = block.get("eta_db"), run.array("epoch_s"), run.array("telescope_index")
     if not eta or t is None or index is None or len(eta) != len(t) or np.ptp(t) == 0.0:
@@ -179,29 +198,60 @@ def noise_to_nuisance(run: RunFolder) -> Plate | None:
     values = np.array([v if finite(v) else np.nan for v in eta])
     if not np.any(np.isfinite(values)):
         return None
-    fig = figure(5.2, 2.4)
-    axes = fig.subplots()
-    for i, name in enumerate(run.telescopes):
-        mine = np.flatnonzero(index == i)
-        colour, marker = SERIES[i % len(SERIES)]
-        few = thin(len(mine))
-        size = (
-            3.6 if i == 0 else 1.8
-        )  # a second telescope with the same ratio stays visible inside the first one's marker
-        axes.plot(t[mine][few] / SECONDS_PER_DAY, values[mine][few], marker, ms=size, mew=0, color=colour, label=name)
-    axes.axhline(0.0, color=INK, lw=0.9)
-    axes.set_ylabel("noise to nuisance, dB")
-    axes.legend(loc="best", markerscale=1.8, handletextpad=0.2)
-    time_axis(axes, run.epoch, t)
-    return plate(
-        fig,
-        "nuisance",
-        "Noise-to-nuisance ratio of each measurement in decibels over time",
-        _nuisance_caption(block, values),
+    critical = np.array([v if finite(v) else np.nan for v in block.get("sigma_z_critical_km") or [None] * len(t)])
+    chart = Chart("nuisance", height=0.0)
+    dates = calendar(run.epoch, t)
+    both = bool(np.any(np.isfinite(critical)))
+    low = float(np.nanmin(values))
+    panels = [
+        (
+            chart.panel(
+                dates.silenced() if both else dates,
+                linear([*values, 0.0] if low > 0 else values, "noise to nuisance, dB", most=5),
+                top=8.0,
+                bottom=132.0,
+                left=58.0,
+            ),
+            values,
+        )
+    ]
+    panels[0][0].level(0.0, stroke=INK, stroke_width=0.9)
+    if both:
+        panels.append(
+            (chart.panel(dates, logarithmic(critical, "critical σ, km"), top=146.0, bottom=238.0, left=58.0), critical)
+        )
+    for panel, series in panels:
+        panel.open()
+        for i, name in enumerate(run.telescopes):
+            mine = np.flatnonzero(index == i)
+            few, (colour, marker) = thin(len(mine), MOST), SERIES[i % len(SERIES)]
+            # a second telescope with the same ratio stays visible inside the first one's marker
+            panel.dots(
+                t[mine][few] / SECONDS_PER_DAY,
+                series[mine][few],
+                marker,
+                name,
+                color=colour,
+                size=4.4 if i == 0 else 2.2,
+            )
+        panel.close()
+    entries = [
+        (SERIES[i % len(SERIES)][1], name, {"color": SERIES[i % len(SERIES)][0], "size": 5.0})
+        for i, name in enumerate(run.telescopes)
+        if np.any(index == i)
+    ]
+    chart.height = chart.legend(entries, (238.0 if both else 132.0) + 44.0, 54.0)
+    few = thin(len(t))
+    columns = {"days_after_reference": (t / SECONDS_PER_DAY)[few], "telescope": [run.telescopes[i] for i in index[few]],
+               "noise_to_nuisance_db": values[few], "critical_position_sigma_km": critical[few]}  # fmt: skip
+    return chart.plate(
+        "Noise-to-nuisance ratio of each measurement in decibels, and critical telescope position error, over time",
+        _nuisance_caption(run, block, values, critical),
+        [csv("noise-to-nuisance", columns)],
     )
 
 
-def _nuisance_caption(block: Item, values: Array) -> Markup:
+def _nuisance_caption(run: RunFolder, block: Item, values: Array, critical: Array) -> Markup:
     """Mean and range of the ratio, and what it means."""
     worse = float(np.mean(values[np.isfinite(values)] < 0.0))
     text = Markup(
@@ -221,8 +271,12 @@ def _nuisance_caption(block: Item, values: Array) -> Markup:
             NBSP, round(100 * worse), NBSP
         )
     effective = block.get("eta_effective_db_mean")
-    if effective is None:
-        return text
-    return text + Markup(
-        " A common nuisance does not average out: counted with every measurement it touches, the mean is {}{}dB."
-    ).format(quantity(effective), NBSP)
+    if effective is not None:
+        text += Markup(
+            " A common nuisance does not average out: counted with every measurement it touches, the mean is {}{}dB."
+        ).format(quantity(effective), NBSP)
+    if np.any(np.isfinite(critical)):
+        text += Markup(
+            " A telescope position error as large as the noise of one measurement is {} at the least, {} at the most."
+        ).format(quantity(float(np.nanmin(critical)), "km"), quantity(float(np.nanmax(critical)), "km"))
+    return text

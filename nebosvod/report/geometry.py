@@ -1,13 +1,17 @@
 """Where everything was: plan view of the ecliptic, and distance and Sun angle of each measurement."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from markupsafe import Markup
 
 from nebosvod.report import wording
+from nebosvod.report.chart import Chart, Panel
+from nebosvod.report.download import csv
 from nebosvod.report.folder import Array, RunFolder
-from nebosvod.report.plate import BLUE, GREEN, GREY, INK, ORANGE, SERIES, Plate, figure, plate, thin, time_axis
+from nebosvod.report.plate import BLUE, GREEN, GREY, ORANGE, SERIES, Plate, thin
+from nebosvod.report.scale import calendar, linear
 from nebosvod.report.wording import quantity
 from nebosvod.timescale import SECONDS_PER_DAY
 
@@ -23,25 +27,24 @@ def plan_view(run: RunFolder) -> Plate | None:
     earth, state, index = run.array("earth_position_km"), run.array("state"), run.array("telescope_index")
     if arc is None or place is None or earth is None or state is None or index is None or not len(place):
         return None
-    fig = figure(4.5, 4.7, bottom_in=0.98)
-    axes = fig.subplots()
-    _draw_tracks(axes, arc, earth, state)
     remote = [i for i in range(len(run.telescopes)) if _is_remote(place, earth, index == i)]
-    for i in remote:
-        mine = _unbroken(plan(place[index == i]))
-        axes.plot(*mine.T, color=SERIES[i % 6][0], lw=1.4, ls=(0, (1, 1)), label=run.telescopes[i])
-        axes.plot(*mine[-1], SERIES[i % 6][1], color=SERIES[i % 6][0], ms=5)
-    for k in np.unique(np.linspace(0, len(place) - 1, SIGHT_LINES).astype(int)):
-        axes.plot(*np.stack([plan(place[k]), plan(state[k, :3])], axis=1), color=GREY, lw=0.5, zorder=1)
-    axes.set_aspect("equal", adjustable="datalim")
-    axes.set_xlabel("towards the equinox, au")
-    axes.set_ylabel("90° ahead in the ecliptic, au")
-    fig.legend(loc="lower center", ncols=4, handlelength=1.4, columnspacing=1.2)
-    return plate(
-        fig,
-        "geometry",
+    paths = {"Earth": plan(earth)[thin(len(earth), 300)], "asteroid": plan(arc)[thin(len(arc), 400)]}
+    paths |= {run.telescopes[i]: _unbroken(plan(place[index == i])) for i in remote}
+    every = np.vstack([np.zeros((1, 2)), *paths.values()])
+    middle = 0.5 * (np.nanmin(every, axis=0) + np.nanmax(every, axis=0))
+    half = 0.54 * float(np.max(np.nanmax(every, axis=0) - np.nanmin(every, axis=0)))
+    x = linear([middle[0] - half, middle[0] + half], "towards the equinox, au", pad=0.0)
+    y = linear([middle[1] - half, middle[1] + half], "90° ahead in the ecliptic, au", pad=0.0)
+    chart = Chart("geometry", width=334.0, height=0.0)
+    panel = chart.panel(x, y, top=8.0, bottom=278.0, left=58.0, right=328.0)
+    looks = _draw_tracks(panel, paths, place, state, run.telescopes)
+    chart.height = chart.legend(looks, 322.0, 54.0)
+    names = [name for name, path in paths.items() for _ in path]
+    points = np.vstack(list(paths.values()))
+    return chart.plate(
         "Plan view of the ecliptic: Sun, Earth, telescopes and the arc of the asteroid",
         _plan_caption(run, arc, place, earth, state, remote),
+        [csv("plan-view", {"track": names, "x_au": points[:, 0], "y_au": points[:, 1]})],
     )
 
 
@@ -64,17 +67,33 @@ def _is_remote(place: Array, earth: Array, mine: Any) -> bool:
     return bool(np.any(mine)) and float(np.max(np.linalg.norm(place[mine] - earth[mine], axis=1))) > NEAR_EARTH_KM
 
 
-def _draw_tracks(axes: Any, arc: Array, earth: Array, state: Array) -> None:
-    """Sun, Earth's path and the asteroid's, with the measured part heavier."""
-    axes.plot(0, 0, "o", color=ORANGE, ms=9, mec=INK, mew=0.6, ls="", label="Sun")
-    path = plan(earth)[thin(len(earth), 300)]
-    axes.plot(*path.T, color=GREEN, lw=1.6, ls=(0, (5, 1.5)), label="Earth")
-    axes.plot(*plan(earth[-1]), "o", color=GREEN, ms=5)
-    axes.plot(*plan(arc)[thin(len(arc), 400)].T, color=BLUE, lw=1.0, alpha=0.7, label="asteroid")
+def _draw_tracks(
+    panel: Panel, paths: Mapping[str, Array], place: Array, state: Array, telescopes: list[str]
+) -> list[tuple[str, str, dict[str, Any]]]:
+    """Sun, Earth's path, telescopes, lines of sight and the asteroid with its measured part heavier; what to name."""
+    for k in np.unique(np.linspace(0, len(place) - 1, SIGHT_LINES).astype(int)):
+        x, y = np.stack([plan(place[k]), plan(state[k, :3])], axis=1)
+        panel.line(x, y, stroke=GREY, stroke_width=0.5)
+    panel.open()
+    panel.dots([0.0], [0.0], "o", "Sun", color=ORANGE, size=11.0)
+    looks: list[tuple[str, str, dict[str, Any]]] = [("o", "Sun", {"color": ORANGE, "size": 11.0})]
+    for name, path in paths.items():
+        own = telescopes.index(name) if name in telescopes else None
+        colour = {"Earth": GREEN, "asteroid": BLUE}.get(name) or SERIES[(own or 0) % len(SERIES)][0]
+        dash = {} if name == "asteroid" else {"stroke_dasharray": "6 2" if name == "Earth" else "2 2"}
+        look: dict[str, Any] = {"stroke": colour, "stroke_width": 1.1 if name == "asteroid" else 1.6, **dash}
+        panel.line(path[:, 0], path[:, 1], name, **look)
+        if name != "asteroid":
+            end = path[np.isfinite(path[:, 0])][-1]
+            panel.dots([end[0]], [end[1]], "o", f"{name}, last measurement", color=colour, size=6.0)
+        looks.append(("line", name, look))
     seen = plan(state[:, :3])
-    axes.plot(*seen[thin(len(seen), 300)].T, "o", color=BLUE, ms=2.2, mew=0, label="measured")
-    axes.plot(*seen[0], "o", mfc="white", mec=BLUE, ms=5.5, label="first")
-    axes.plot(*seen[-1], "o", color=BLUE, ms=5.5, label="last")
+    few = seen[thin(len(seen), 300)]
+    panel.dots(few[:, 0], few[:, 1], "o", "measured", color=BLUE, size=2.8)
+    panel.dots([seen[0, 0]], [seen[0, 1]], "O", "first measurement", color=BLUE)
+    panel.dots([seen[-1, 0]], [seen[-1, 1]], "o", "last measurement", color=BLUE, size=6.5)
+    panel.close()
+    return [*looks, ("O", "first", {"color": BLUE}), ("o", "last measurement", {"color": BLUE, "size": 6.5})]
 
 
 def _plan_caption(run: RunFolder, arc: Array, place: Array, earth: Array, state: Array, remote: list[int]) -> Markup:
@@ -103,31 +122,25 @@ def viewing(run: RunFolder) -> Plate | None:
     distance = np.linalg.norm(look, axis=1)
     cosine = -np.sum(look * place, axis=1) / distance / np.linalg.norm(place, axis=1)
     angle = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
-    fig = figure(4.5, 4.0, rows=2)
-    upper, lower = fig.subplots(2, 1, sharex=True)
-    for i, name in enumerate(run.telescopes):
-        mine = np.flatnonzero(index == i)
-        colour, marker = SERIES[i % 6]
-        few = thin(len(mine), 600)
-        size = (
-            3.6 if i == 0 else 1.8
-        )  # a second telescope at the same place stays visible inside the first one's marker
-        upper.plot(
-            t[mine][few] / SECONDS_PER_DAY,
-            distance[mine][few] / AU_KM,
-            marker,
-            ms=size,
-            mew=0,
-            color=colour,
-            label=name,
-        )
-        lower.plot(t[mine][few] / SECONDS_PER_DAY, angle[mine][few], marker, ms=size, mew=0, color=colour)
-    upper.set_ylabel("distance, au")
-    upper.set_ylim(0, 1.08 * float(distance.max()) / AU_KM)
-    upper.legend(loc="best", markerscale=2, handletextpad=0.2)
-    lower.set_ylabel("angle from the Sun, °")
-    time_axis(lower, run.epoch, t)
-    fig.align_ylabels()
+    chart = Chart("viewing", width=334.0, height=0.0)
+    dates = calendar(run.epoch, t, most=4.0)
+    upper = chart.panel(
+        dates.silenced(), linear([0.0, *(distance / AU_KM)], "distance, au"), top=8.0, bottom=138.0, left=58.0
+    )
+    lower = chart.panel(dates, linear(angle, "angle from the Sun, °"), top=152.0, bottom=278.0, left=58.0)
+    for panel, series in ((upper, distance / AU_KM), (lower, angle)):
+        panel.open()
+        for i, name in enumerate(run.telescopes):
+            mine = np.flatnonzero(index == i)
+            few, (colour, marker) = thin(len(mine), 400), SERIES[i % len(SERIES)]
+            # a second telescope at the same place stays visible inside the first one's marker
+            panel.dots(t[mine][few] / SECONDS_PER_DAY, series[mine][few], marker, name, color=colour,
+                       size=4.4 if i == 0 else 2.2)  # fmt: skip
+        panel.close()
+    used = [i for i in range(len(run.telescopes)) if np.any(index == i)]
+    chart.height = chart.legend(
+        [(SERIES[i % 6][1], run.telescopes[i], {"color": SERIES[i % 6][0], "size": 5.0}) for i in used], 322.0, 54.0
+    )
     nearest, farthest = int(np.argmin(distance)), int(np.argmax(distance))
     caption = Markup(
         "Every measurement: the asteroid is between {} and {} from the telescope and between {} "
@@ -138,4 +151,8 @@ def viewing(run: RunFolder) -> Plate | None:
         quantity(float(angle.min()), "deg"),
         quantity(float(angle.max()), "deg"),
     )
-    return plate(fig, "viewing", "Distance and Sun angle of the asteroid at each measurement", caption)
+    few = thin(len(t))
+    columns = {"days_after_reference": (t / SECONDS_PER_DAY)[few], "telescope": [run.telescopes[i] for i in index[few]],
+               "distance_km": distance[few], "sun_angle_deg": angle[few]}  # fmt: skip
+    label = "Distance and Sun angle of the asteroid at each measurement"
+    return chart.plate(label, caption, [csv("viewing", columns)])

@@ -1,37 +1,39 @@
 """The page: `make_report` reads a run folder and returns one self-contained HTML document."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 from markupsafe import Markup
 
-from nebosvod.report import ellipses, figures, geometry, physical, tables, wording
+from nebosvod.report import (
+    advice,
+    curves,
+    ellipses,
+    figures,
+    geometry,
+    ledger,
+    physical,
+    sources,
+    tables,
+    trust,
+    visibility,
+    wording,
+)
 from nebosvod.report.base import render
 from nebosvod.report.folder import Item, RunFolder, read_folder
-from nebosvod.report.plate import Plate, style
-from nebosvod.report.verdict import (
-    formal_ratio,
-    grouped,
-    leading,
-    object_name,
-    of_telescopes,
-    position_shares,
-    size,
-    verdict,
-    warnings,
-)
-from nebosvod.report.wording import percent, quantity
+from nebosvod.report.plate import Plate
+from nebosvod.report.verdict import Verdict, leading, object_name, size, verdict, warnings
+from nebosvod.report.wording import quantity
 
 
 def make_report(folder: Path) -> str:
     """Return the accuracy report of a run folder as HTML.
 
-    The page holds its style and its figures, fetches nothing, and depends on the folder alone: the same folder gives
-    the same bytes.
+    The page holds its style, script and figures, fetches nothing, and depends on the folder alone: the same folder
+    gives the same bytes.
 
     Parameters
     ----------
-    folder : a run folder with manifest.json, summary.json and (unless the run ended early) arrays.npz.
+    folder : a run folder with manifest.json, summary.json and (unless the run ended early) arrays.npz and tables.
 
     Raises
     ------
@@ -40,70 +42,98 @@ def make_report(folder: Path) -> str:
     """
     run = read_folder(Path(folder))
     main = run.main
-    words = verdict(run)
+    books = ledger.ledgers(run, main) if main else []
+    compared, accuracies = trust.five(run, main) if main else ("", [])
     return render(
         "report.html",
         kind="Accuracy report",
         run=run,
         object_name=object_name(run),
         title=run.summary.get("title") or run.summary["mission"],
-        words=words,
+        words=_verdict(run, main),
         main=main,
         tiles=_tiles(run, main),
         warnings=warnings(run),
-        plates=_plates(run, main),
+        books=books,
+        hatches=sources.patterns() if books else "",
+        looks={e.source: sources.look(e.source, run.telescopes, e.behind) for book in books for e in book.entries},
+        compared=compared,
+        accuracies=accuracies,
+        plates=_plates(run, main, books, visibility.timeline(run, visibility.read_visibility(Path(folder)))),
         tables=_tables(run, main),
         kappa=physical.kappa_sentence(run, main) if main else None,
-        bars=tables.budget_bars(run, main["name"]) if main else [],
+        helps=[s for s in (advice.plan_sentence(run),) if s],
         mission_text=tables.mission_text(run),
     )
+
+
+def _verdict(run: RunFolder, main: Item | None) -> Verdict:
+    """The answer in words, with what the other modules know of trust and advice."""
+    if main is None:
+        return verdict(run)
+    bent = [p for p in leading(run, main) if (p.get("nonlinearity") or {}).get("misleads")]
+    told = [f(run, main) for f in (trust.consistency_sentence, trust.nonlinearity_sentence, trust.worst_sentence)]
+    helps = [advice.remedy_sentence(run, main), advice.required_sentence(run, 10.0), advice.plan_sentence(run)]
+    return verdict(run, told, helps, sound=not bent)
 
 
 def _tiles(run: RunFolder, main: Item | None) -> list[tuple[str, Markup]]:
     """The headline numbers: what it is, and the number."""
     if main is None:
         return []
-    tiles = [
-        ("position, 1σ", quantity(main["sigma_position_km"], "km")),
-        ("velocity, 1σ", quantity(main["sigma_velocity_m_s"], "m_s")),
-    ]
+    tiles = []
     for p in leading(run, main)[:2]:
         tiles.append((f"{p['name']}: {wording.plane_name(p['plane'], p.get('body'))}, 1σ", size(p)))
-    shares = position_shares(run, main)
-    if shares:
-        kind, share, n = grouped(shares, run.telescopes)[0]
-        tiles.append((f"of the position variance: {of_telescopes(kind, n)}", percent(share)))
-    ratio = formal_ratio(main)
-    if ratio is not None:
-        tiles.append(("true / formal position sigma", quantity(ratio, "", 4)))
+    tiles += [
+        ("orbit: position at the reference epoch, 1σ", quantity(main["sigma_position_km"], "km")),
+        ("orbit: velocity, 1σ", quantity(main["sigma_velocity_m_s"], "m_s")),
+    ]
     return tiles
 
 
-def _plates(run: RunFolder, main: Item | None) -> dict[str, list[Plate]]:
+def _plates(
+    run: RunFolder, main: Item | None, books: list[ledger.Ledger], seen: Plate | None
+) -> dict[str, list[Plate]]:
     """All figures of the run by section of the page."""
-    makers: dict[str, list[Callable[[], Plate | None]]] = {
-        "history": [lambda: figures.sigma_over_time(run)],
-        "geometry": [lambda: geometry.plan_view(run), lambda: geometry.viewing(run)],
-        "nuisance": [lambda: figures.noise_to_nuisance(run)],
-        "residuals": [lambda: figures.residuals(run, main)] if main else [],
+    of_main = main is not None
+    made: dict[str, list[Plate | None]] = {
+        "prediction": [*ellipses.prediction_plates(run, main)] if main else [],
+        "budget": [ledger.shares_plate(run, books), ledger.remedies_plate(run, books[0])] if books else [],
+        "trust": [trust.comparison_plate(run, main)] if main else [],
+        "required": [advice.required_plate(run)] if of_main else [],
+        "nuisance": [figures.noise_to_nuisance(run)],
+        "curves": [*curves.curve_plates(run)] if of_main else [],
+        "history": [figures.sigma_over_time(run)],
+        "seen": [seen],
+        "geometry": [geometry.plan_view(run), geometry.viewing(run)],
+        "residuals": [figures.residuals(run, main)] if main else [],
     }
-    with style():
-        drawn = {section: [p for p in (make() for make in of) if p is not None] for section, of in makers.items()}
-        drawn["prediction"] = ellipses.prediction_plates(run, main) if main else []
-    return drawn
+    return {section: [p for p in plates if p is not None] for section, plates in made.items()}
 
 
 def _tables(run: RunFolder, main: Item | None) -> dict[str, tables.Table | None]:
     """All tables of the run by name."""
-    return {
-        "predictions": tables.prediction_table(run, main) if main else None,
+    every: dict[str, tables.Table | None] = {
         "prediction_comparison": tables.prediction_comparison(run),
-        "prediction_budget": tables.budget_of_predictions(run, main) if main else None,
+        "consistency": trust.consistency_table(run),
         "estimators": tables.estimator_table(run),
-        "parameters": physical.parameter_table(main) if main else None,
-        "state": tables.state_table(run, main) if main else None,
+        "required": advice.required_table(run),
+        "limits": advice.limit_table(run),
+        "slopes": curves.slope_table(run),
         "visibility": tables.visibility_table(run),
-        "limits": tables.limit_table(run),
         "physics": tables.physics_table(run),
         "provenance": tables.provenance_table(run),
+    }
+    alone = ("predictions", "facts", "components", "accuracies", "nonlinearity", "parameters", "blame", "state")
+    if main is None:
+        return every | dict.fromkeys(alone)
+    return every | {
+        "predictions": tables.prediction_table(run, main),
+        "facts": tables.fact_table(run, main),
+        "components": tables.budget_of_predictions(run, main),
+        "accuracies": trust.comparison_table(run, main),
+        "nonlinearity": trust.nonlinearity_table(run, main),
+        "parameters": physical.parameter_table(main),
+        "blame": tables.budget_of_parameters(run, main),
+        "state": tables.state_table(run, main),
     }

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
 
 import numpy as np
@@ -17,7 +17,10 @@ FEW_DECADES = 1.7  # a logarithmic axis shorter than this names 1, 2 and 5, a lo
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Scale:
-    """One axis: kind ("linear", "log", "time" in days after `origin`), limits, label with unit, ticks."""
+    """One axis: kind ("linear", "log", "time" in days after `origin`), limits, label with unit, ticks.
+
+    A silent one writes no text.
+    """
 
     kind: str
     low: float
@@ -25,6 +28,15 @@ class Scale:
     label: str
     ticks: tuple[tuple[float, str], ...]
     origin: str = ""
+    silent: bool = False
+
+    def silenced(self) -> "Scale":
+        """The same axis without texts, for a panel beside or above one that has them."""
+        return replace(self, ticks=tuple((value, "") for value, _ in self.ticks), silent=True)
+
+    def reversed(self) -> "Scale":
+        """The same axis from high to low."""
+        return replace(self, low=self.high, high=self.low)
 
     def part(self, values: Array) -> Array:
         """Where values lie on the axis, 0 at its low end and 1 at its high end."""

@@ -10,7 +10,7 @@ from markupsafe import Markup
 
 from nebosvod.report import wording
 from nebosvod.report.folder import Item, RunFolder
-from nebosvod.report.verdict import formal_ratio, leading, unit_of
+from nebosvod.report.verdict import formal_ratio, impact_clause, leading, unit_of
 from nebosvod.report.wording import DASH, finite, percent, product, quantity, series
 
 Cell = str | Markup
@@ -27,42 +27,8 @@ class Table:
     foot: tuple[Cell, ...] = ()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Bar:
-    """One source of the budget chart: shares in per cent for the bars, text for the reader."""
-
-    source: str
-    kind: str
-    position_width: str
-    velocity_width: str
-    position_share: Markup
-    velocity_share: Markup
-    position_sigma: Markup
-    velocity_sigma: Markup
-
-
 VARYING = ("times", "outputs_sha256")
 SAME = 0.005
-KINDS = (("noise", "noise"), ("bias", "bias"), ("position", "place"), ("orbit", "place"), ("prior", "prior"))
-
-
-def budget_bars(run: RunFolder, estimator: str) -> list[Bar]:
-    """The error budget of an estimator, largest share of the position variance first."""
-    rows = run.budget(estimator)
-    widest = max((max(r["share_position"], r["share_velocity"]) for r in rows), default=0.0) or 1.0
-    return [
-        Bar(
-            source=row["source"],
-            kind=next((kind for word, kind in KINDS if word in row["source"]), "force"),
-            position_width=f"{100 * row['share_position'] / widest:.2f}",
-            velocity_width=f"{100 * row['share_velocity'] / widest:.2f}",
-            position_share=percent(row["share_position"]),
-            velocity_share=percent(row["share_velocity"]),
-            position_sigma=quantity(row["sigma_position_km"], "km"),
-            velocity_sigma=quantity(row["sigma_velocity_m_s"], "m_s"),
-        )
-        for row in rows
-    ]
 
 
 def budget_of_predictions(run: RunFolder, estimator: Item) -> Table | None:
@@ -123,6 +89,59 @@ def prediction_table(run: RunFolder, estimator: Item) -> Table | None:
         align="llrrrr",
         rows=tuple(rows),
     )
+
+
+def fact_table(run: RunFolder, estimator: Item) -> Table | None:
+    """What else is known of each prediction: where, when, how near, how fast, and the chance of impact."""
+    rows: list[tuple[Cell, ...]] = []
+    for p in leading(run, estimator):
+        facts = [_fact(p, key) for key in FACTS if p.get(key) is not None]
+        mean = p.get(f"mean_{unit_of(p)}")
+        if mean and any(mean):
+            names = wording.axis_names(p["plane"], len(mean))
+            facts[:0] = [Markup("{} = {}").format(n, quantity(v, unit_of(p), 6)) for n, v in zip(names, mean)]
+        text = Markup("; ").join(facts) + impact_clause(p)
+        if text:
+            rows.append((p["name"], text))
+    return Table(caption="Nominal values of the predictions", head=("prediction", "values"), align="ll",
+                 rows=tuple(rows)) if rows else None  # fmt: skip
+
+
+FACTS = {
+    "telescope": ("seen by", ""), "ra_deg": ("RA", "deg"), "dec_deg": ("Dec", "deg"), "distance_km": ("distance", "km"),
+    "position_km": ("heliocentric position", "km"), "velocity_km_s": ("velocity", "km_s"),
+    "closest_approach_tdb": ("closest approach", ""), "closest_distance_km": ("distance then", "km"),
+    "speed_km_s": ("speed", "km_s"), "capture_radius_km": ("capture radius", "km"),
+    "impact": ("nominal orbit hits", ""),
+    "evaluated_on": ("evaluated on the", ""), "altitude_km": ("altitude", "km"),
+    "path_below_horizon_deg": ("path below the horizon", "deg"), "longitude_deg": ("longitude", "deg"),
+    "latitude_geocentric_deg": ("geocentric latitude", "deg"),
+}  # fmt: skip
+
+
+def _fact(p: Item, key: str) -> Markup:
+    """One fact with its name and unit."""
+    (name, unit), value = FACTS[key], p[key]
+    if isinstance(value, bool):
+        return Markup("{}: {}").format(name, "yes" if value else "no")
+    if isinstance(value, list):
+        return Markup("{} {}").format(name, series(value, unit))
+    if key.endswith("_tdb"):
+        return Markup("{} {}").format(name, wording.moment(value))
+    return Markup("{} {}").format(name, value if isinstance(value, str) else quantity(value, unit, 6))
+
+
+def budget_of_parameters(run: RunFolder, estimator: Item) -> Table | None:
+    """Share of each source in the variance of each parameter beside the state."""
+    rows = run.budget(estimator["name"])
+    names = list((rows[0].get("share_parameters") or {}) if rows else {})
+    if not names:
+        return None
+    return Table(
+        caption="Share of each source in the variance of each parameter",
+        head=("source", *(wording.parameter_name(name)[0] for name in names)), align="l" + "r" * len(names),
+        rows=tuple((row["source"], *(percent(row["share_parameters"][name]) for name in names)) for row in rows),
+    )  # fmt: skip
 
 
 def _inside(run: RunFolder, estimator: Item) -> Markup:
@@ -265,24 +284,6 @@ def visibility_table(run: RunFolder) -> Table | None:
     names = [wording.REMOVED.get(reason, reason.replace("_", " ")) for reason in reasons]
     return Table(caption="Epochs of the schedule", head=("telescope", "scheduled", "seen", *names),
                  align="lrr" + "r" * len(names), rows=rows)  # fmt: skip
-
-
-def limit_table(run: RunFolder) -> Table | None:
-    """How well a telescope must be known for a wanted noise-to-nuisance ratio."""
-    limits = (run.summary.get("noise_to_nuisance") or {}).get("sigma_z_limit_km") or {}
-    rows = tuple(
-        (key.replace("_", wording.NBSP), quantity(value, "km") if finite(value) else quantity(None))
-        for key, value in limits.items()
-    )
-    if not rows:
-        return None
-    return Table(
-        caption="Telescope position sigma that keeps the ratio at or above a limit for the median measurement "
-        "(near ones need a better position)",
-        head=("limit", "position sigma"),
-        align="lr",
-        rows=rows,
-    )
 
 
 def physics_table(run: RunFolder) -> Table | None:

@@ -1,6 +1,7 @@
 """The answer in sentences. Each is made from numbers of the run, and left out where the run has no such number."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from markupsafe import Markup
@@ -11,7 +12,9 @@ from nebosvod.report.wording import count, join, percent, product, quantity
 
 HELD_AT_3_SIGMA = {1: "99.7", 2: "98.9", 3: "97.1"}  # per cent of the probability in 1, 2 and 3 dimensions
 AGREE = 0.01  # sigmas that differ by less than this are called equal
+NEAR = 0.8  # of the largest share, from which on a source is named beside it
 WEIGHT = (
+    "entry",
     "b_plane",
     "mtp",
     "perigee_distance",
@@ -20,31 +23,49 @@ WEIGHT = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Verdict:
-    """What stands at the top of the page: one headline, sentences, and whether the run may be trusted.
+    """What stands at the top of the page: one headline, sentences by question, and whether the run may be trusted.
 
     `tone` is "good", "caution" (an answer, but formal and true accuracy differ or the fit is odd) or "bad" (no answer).
     """
 
     headline: Markup
-    sentences: tuple[Markup, ...]
+    answers: tuple[tuple[str, tuple[Markup, ...]], ...]
     tone: str
 
+    @property
+    def sentences(self) -> tuple[Markup, ...]:
+        """All sentences in order."""
+        return tuple(sentence for _, told in self.answers for sentence in told)
 
-def verdict(run: RunFolder) -> Verdict:
-    """Say what the run found."""
+
+def verdict(
+    run: RunFolder, trust: Sequence[Markup | None] = (), advice: Sequence[Markup | None] = (), sound: bool = True
+) -> Verdict:
+    """Say what the run found.
+
+    Parameters
+    ----------
+    trust, advice : further sentences on whether it may be believed and on what would help; None is left out.
+    sound : False when one of `trust` is a warning.
+    """
     main = run.main
     if main is None:
-        return Verdict(headline=_no_answer(run), sentences=tuple(_failures(run)), tone="bad")
-    trust, honest = _trust(main)
+        return Verdict(headline=_no_answer(run), answers=(("Why", tuple(_failures(run))),), tone="bad")
+    own, honest = _trust(main)
     fit, fits = _fit(main)
     others = [_trust(e)[0] for e in run.estimators if _misleads(e) and e is not main]
-    sentences = [_orbit(run, main), *_predictions(run, main), *_blame(run, main), trust, *others, fit, *_failures(run)]
-    agreement = _agreement(run, main)
     every = all(e["status"] == "converged" for e in run.estimators)
+    asked: list[tuple[str, list[Markup | None]]] = [
+        ("How accurate", [*_predictions(run, main), _orbit(run, main)]),
+        ("Because of what", [*_blame(run, main)]),
+        ("Can it be believed", [own, *trust, *others, fit, *_failures(run), _agreement(run, main)]),
+        ("What would help", [*advice]),
+    ]
+    answers = [(title, tuple(s for s in told if s)) for title, told in asked]
     return Verdict(
         headline=_headline(run, main),
-        sentences=tuple(s for s in [*sentences, agreement] if s),
-        tone="good" if honest and fits and every else "caution",
+        answers=tuple((title, told) for title, told in answers if told),
+        tone="good" if honest and fits and every and sound else "caution",
     )
 
 
@@ -72,8 +93,18 @@ def _headline(run: RunFolder, main: Item) -> Markup:
         shares = position_shares(run, main)
     if not shares:
         return Markup("{}.").format(what)
-    kind, share, n = grouped(shares, run.telescopes)[0]
-    return Markup("{}; {} makes up {} of that variance.").format(what, of_telescopes(kind, n), percent(share))
+    return Markup("{}; {}.").format(what, blame_of(shares, run.telescopes, "that variance"))
+
+
+def blame_of(shares: list[tuple[str, float]], telescopes: list[str], what: str) -> Markup:
+    """`bias makes up 62 % of the variance`; sources that nearly tie with the largest are named with it."""
+    kinds = grouped(shares, telescopes)
+    top = [one for one in kinds if one[1] >= NEAR * kinds[0][1]]
+    if len(top) == 1:
+        kind, share, n = top[0]
+        return Markup("{} makes up {} of {}").format(of_telescopes(kind, n), percent(share), what)
+    named = join(Markup("{} ({})").format(kind, percent(share)) for kind, share, _ in top)
+    return Markup("{} are about equally to blame for {}").format(named, what)
 
 
 def leading(run: RunFolder, main: Item) -> list[Item]:
@@ -136,9 +167,11 @@ def object_name(run: RunFolder) -> str:
 
 
 def _predictions(run: RunFolder, main: Item) -> list[Markup]:
-    """One sentence for each prediction: 1 sigma, and 3 sigma with what it holds."""
+    """One sentence for each prediction at an encounter (the first if there is none): 1 sigma, 3 sigma, impact."""
+    every = leading(run, main)
+    told = [p for p in every if p["plane"] in WEIGHT] or every[:1]
     sentences = []
-    for p in leading(run, main):
+    for p in told:
         unit = unit_of(p)
         axes = p[f"semi_axes_{unit}"]
         what = ["", "", "semi-axes of the ellipse ", "semi-axes of the ellipsoid "][min(len(axes), 3)]
@@ -147,8 +180,31 @@ def _predictions(run: RunFolder, main: Item) -> list[Markup]:
             size(p), product([3.0 * a for a in axes], unit, like=max(axes)),
             HELD_AT_3_SIGMA.get(len(axes), ""), wording.NBSP,
         )  # fmt: skip
-        sentences.append(text)
+        sentences.append(text + impact_clause(p))
     return sentences
+
+
+def impact_clause(p: Item) -> Markup:
+    """The chance of impact, linear and by drawn orbits; empty where the prediction has none."""
+    linear, drawn = p.get("impact_probability_linear"), p.get("impact_probability_monte_carlo")
+    if linear is None:
+        return Markup("")
+    text = Markup(" Probability of impact: {} (linear)").format(chance(linear))
+    if drawn:
+        low, high = drawn["interval_95"]
+        text += Markup(", {} of {} drawn orbits (95{}% interval {} to {})").format(
+            drawn["hits"], drawn["runs"], wording.NBSP, percent(low), percent(high)
+        )
+    return text + "."
+
+
+def chance(value: float) -> Markup:
+    """A probability: 0 and 1 in words a reader cannot take for rounded ones."""
+    if value < 1e-12:
+        return Markup('<data value="{}" data-unit="">&lt;{}10⁻¹²</data>').format(repr(value), wording.NBSP)
+    if value > 1.0 - 1e-9:
+        return Markup('<data value="{}" data-unit="">1</data>').format(repr(value))
+    return quantity(value)
 
 
 def grouped(shares: list[tuple[str, float]], telescopes: list[str]) -> list[tuple[str, float, int]]:
@@ -170,36 +226,38 @@ def kind_of(source: str, telescopes: list[str]) -> str:
 
 
 def _blame(run: RunFolder, main: Item) -> list[Markup]:
-    """Which uncertainty costs how much."""
-    rows = run.budget(main["name"])
-    if not rows:
-        return []
-    top = rows[0]
-    kinds = grouped(position_shares(run, main), run.telescopes)
-    text = Markup("Of the position variance at the reference epoch, {} comes from {}").format(
-        percent(top["share_position"]), top["source"]
-    )
-    text += Markup(" ({} on its own)").format(quantity(top["sigma_position_km"], "km"))
-    if len(rows) > 1:
-        text += Markup(" and {} from {}").format(percent(rows[1]["share_position"]), rows[1]["source"])
-    merged = [k for k in kinds if k[2] > 1 and k[1] > 0.005][:3]
-    if merged:
-        sums = join(Markup("{} {}").format(kind, percent(share)) for kind, share, _ in merged)
-        text += Markup("; added over the telescopes: {}").format(sums)
-    small = [row for row in rows if row["share_position"] < 0.001]
-    if small:
-        names = join(row["source"] for row in small)
-        text += (
-            Markup(". {} {} less than 0.1{}% {}")
-            .format(
-                _capital(names),
-                "contributes" if len(small) == 1 else "contribute",
-                wording.NBSP,
-                "" if len(small) == 1 else "each",
+    """Which uncertainty costs how much: of the leading prediction, and of the orbit."""
+    sentences = []
+    predictions = leading(run, main)
+    if predictions and predictions[0].get("budget"):
+        first = predictions[0]
+        rows = sorted(first["budget"], key=lambda row: -row["share_total"])
+        listed = join(Markup("{} {}").format(row["source"], percent(row["share_total"])) for row in rows[:4])
+        sentences.append(Markup("Variance of {}: {}.").format(first["name"], listed))
+        known = [row for row in rows if _remaining(row) is not None]
+        if known:
+            best = min(known, key=lambda row: _remaining(row) or 0.0)
+            unit = unit_of(first)
+            now = math.sqrt(sum(v * v for v in first[f"sigma_{unit}"]))
+            sentences.append(
+                Markup("Without {} its total sigma would be {} instead of {}.").format(
+                    best["source"], quantity(_remaining(best), unit), quantity(now, unit)
+                )
             )
-            .rstrip()
-        )
-    return [Markup("{}.").format(text)]
+    rows = run.budget(main["name"])
+    if rows:
+        kinds = grouped(position_shares(run, main), run.telescopes)
+        sums = join(Markup("{} {}").format(of_telescopes(kind, n), percent(share)) for kind, share, n in kinds[:3])
+        small = [kind for kind, share, _ in kinds if share < 0.001]
+        rest = Markup("; {} less than 0.1{}% each").format(join(small), wording.NBSP) if len(small) > 1 else ""
+        sentences.append(Markup("Position variance at the reference epoch: {}{}.").format(sums, rest))
+    return sentences
+
+
+def _remaining(row: Item) -> float | None:
+    """Total sigma of a prediction without one source, the gain re-optimised."""
+    then = row.get("if_vanished") or {}
+    return next((v for k, v in then.items() if k.startswith("sigma_total_") and k.endswith("_new_gain")), None)
 
 
 def _misleads(estimator: Item) -> bool:

@@ -6,6 +6,7 @@ its unit in the element itself, so that a reader can copy it and a test can comp
 
 import math
 from collections.abc import Iterable, Sequence
+from typing import TypeGuard
 
 from markupsafe import Markup
 
@@ -97,7 +98,7 @@ def scale_of(value: float, unit: str) -> tuple[float, str]:
     return 1.0, UNIT_TEXT.get(unit, unit.replace("_", "/"))
 
 
-def finite(value: object) -> bool:
+def finite(value: object) -> TypeGuard[float]:
     """True for a number that can be printed."""
     return isinstance(value, int | float) and math.isfinite(value)
 
