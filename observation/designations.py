@@ -39,6 +39,16 @@ def canonical_number(text: str) -> str:
     return text.lstrip("0") or text
 
 
+def unpacked(packed: str) -> str:
+    """The readable form of a packed designation, "" if there is none."""
+    if not packed:
+        return ""
+    try:
+        return str(unpack(packed))
+    except (MPCDesignationError, ValueError, IndexError, KeyError):
+        return ""
+
+
 def from_columns(columns: str) -> Designation | None:
     """The designation in columns 1-12 of an 80-column record; None if they hold nothing that can be one.
 
@@ -52,24 +62,14 @@ def from_columns(columns: str) -> Designation | None:
         return Designation(provisional=whole)
     head, tail = columns[:5].strip(), columns[5:].strip()
     if len(head) == 1 and columns[4] == head and tail:
-        comet = _unpacked(head + tail)
+        comet = unpacked(head + tail)
         return Designation(provisional=comet) if kind(comet) == "provisional" else None
-    number = _unpacked(head)
+    number = unpacked(head)
     if head and kind(number) != "number":
         return None
-    provisional = _unpacked(tail)
+    provisional = unpacked(tail)
     if not tail and not head:
         return None
     if kind(provisional) == "provisional":
         return Designation(number=number, provisional=provisional)
     return Designation(number=number, own=tail) if OWN_NAME.fullmatch(tail) or not tail else None
-
-
-def _unpacked(packed: str) -> str:
-    """The readable form, "" if there is none."""
-    if not packed:
-        return ""
-    try:
-        return str(unpack(packed))
-    except (MPCDesignationError, ValueError, IndexError, KeyError):
-        return ""

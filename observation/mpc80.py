@@ -17,7 +17,7 @@ from nebosvod.observation.designations import Designation, from_columns
 from nebosvod.observation.mpc80_columns import BLANK, MINUS, PLUS, decimals, distinct, integer, sexagesimal
 from nebosvod.observation.mpc80_lines import RecordLines, record_lines
 from nebosvod.observation.mpc80_places import positions
-from nebosvod.observation.records import Astrometry, Rows, Texts
+from nebosvod.observation.records import Astrometry, Rows, Texts, told, without_repeats
 from nebosvod.observation.source_file import SourceFile, read_source
 from nebosvod.observation.universal_time import FIRST_YEAR, LAST_YEAR, iso, month_days, tdb_times
 from nebosvod.timescale import Epoch
@@ -58,7 +58,8 @@ def parse(source: SourceFile) -> Astrometry:
     codes, which_code = distinct(head[:, 14:15])
     catalogues, which_catalogue = distinct(head[:, 71:72])
     mode = np.array([mpc80_codes.MODES.get(code, "") for code in codes])[which_code]
-    return Astrometry(
+    left_out = {reason: number for reason, number in records.left_out.items() if number}
+    table = Astrometry(
         epoch=epoch,
         path=np.full(n, source.name),
         line=records.line[records.first],
@@ -80,18 +81,10 @@ def parse(source: SourceFile) -> Astrometry:
         magnitude=magnitude,
         band=band,
         discovery=head[:, 12] == ord("*"),
-        left_out=MappingProxyType({reason: number for reason, number in records.left_out.items() if number}),
-        notices=_notices(records.left_out),
+        left_out=MappingProxyType(left_out),
+        notices=tuple(told(reason, number) for reason, number in left_out.items()),
     )
-
-
-def _notices(left_out: dict[str, int]) -> tuple[str, ...]:
-    words = {
-        "radar": "radar records were left out: only directions are fitted",
-        "deleted": "records marked deleted or replaced (X, x) were left out",
-        "offset": "records of offsets from a planet (O) were left out",
-    }
-    return tuple(f"{number} {words[reason]}" for reason, number in left_out.items() if number)
+    return without_repeats(table)
 
 
 def _stations(records: RecordLines) -> Texts:

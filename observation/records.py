@@ -119,6 +119,8 @@ ROW_FIELDS = tuple(f.name for f in fields(Astrometry) if f.name not in ("epoch",
 def joined(parts: Sequence[Astrometry]) -> Astrometry:
     """The observations of several tables as one, one after the other, times counted from the earliest epoch.
 
+    An observation that stands in several of them is kept once.
+
     Raises
     ------
     InputError
@@ -134,4 +136,43 @@ def joined(parts: Sequence[Astrometry]) -> Astrometry:
         for reason, number in part.left_out.items():
             counts[reason] = counts.get(reason, 0) + number
     notices = tuple(dict.fromkeys(notice for part in parts for notice in part.notices))
-    return Astrometry(epoch=epoch, left_out=MappingProxyType(counts), notices=notices, **rows)
+    return without_repeats(Astrometry(epoch=epoch, left_out=MappingProxyType(counts), notices=notices, **rows))
+
+
+# what is said of the records that were not used, by reason
+LEFT_OUT = {
+    "radar": "{} radar {} left out: only directions are fitted",
+    "deleted": "{} {} left out: marked deleted, replaced or deprecated",
+    "offset": "{} {} left out: offsets from a planet",
+    "duplicate": "{} {} left out: the same as another one (second at {})",
+}
+
+
+def told(reason: str, number: int, where: str = "") -> str:
+    """The sentence about records that were left out."""
+    return LEFT_OUT[reason].format(number, "record was" if number == 1 else "records were", where)
+
+
+def without_repeats(table: Astrometry) -> Astrometry:
+    """The observations with repeated ones kept once, their number in `left_out` and a notice with their lines.
+
+    Repeated is what agrees in object, observatory, time, direction and observer's position.
+    """
+    key = np.column_stack(
+        [
+            *(np.unique(names, return_inverse=True)[1] for names in (table.designation, table.station)),
+            table.t_s,
+            table.psi,
+            np.nan_to_num(table.position_km),
+        ]
+    )
+    order = np.lexsort(key.T)  # stable: of equal ones the first in the file comes first
+    repeated = np.sort(order[1:][(key[order[1:]] == key[order[:-1]]).all(axis=1)])
+    if not repeated.size:
+        return table
+    lines = ", ".join(f"{table.path[row]}:{table.line[row]}" for row in repeated[:5].tolist())
+    notice = told("duplicate", repeated.size, lines + (" and elsewhere" if repeated.size > 5 else ""))
+    keep = np.ones(len(table), dtype=np.bool_)
+    keep[repeated] = False
+    counts = {**table.left_out, "duplicate": table.left_out.get("duplicate", 0) + repeated.size}
+    return replace(table.select(keep), left_out=MappingProxyType(counts), notices=(*table.notices, notice))
