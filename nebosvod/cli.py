@@ -245,11 +245,14 @@ def compare(folders: tuple[Path, ...], as_json: bool) -> int:
 
 @app.command()
 @click.argument("folder", type=click.Path(path_type=Path))
-def report(folder: Path) -> int:
+@click.option("--pdf", is_flag=True, help="Also print it to report.pdf, by a Chromium of this machine.")
+def report(folder: Path, pdf: bool) -> int:
     """(Re)make report.html of the run in FOLDER, from the files of the run alone."""
     from nebosvod.result import rewrite_report
 
-    click.echo(f"report: {rewrite_report(folder)}")
+    click.echo(f"report: {rewrite_report(folder, pdf=pdf)}")
+    if pdf:
+        click.echo(f"pdf: {folder / 'report.pdf'}")
     return 0
 
 

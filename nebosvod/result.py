@@ -222,8 +222,8 @@ def write_files(folder: Path, result: Result) -> None:
     _write_manifest(folder, result.manifest)
 
 
-def rewrite_report(folder: Path) -> Path:
-    """Make report.html anew from the files of a run; returns its path."""
+def rewrite_report(folder: Path, *, pdf: bool = False) -> Path:
+    """Make report.html (and report.pdf) anew from the files of a run; returns the path of the page."""
     from nebosvod.report.page import make_report
 
     require_run_folder(folder)
@@ -231,6 +231,10 @@ def rewrite_report(folder: Path) -> Path:
     try:
         fresh.write_text(make_report(folder), "utf-8")
         fresh.replace(folder / "report.html")
+        if pdf:
+            from nebosvod.report.pdf import print_pdf
+
+            print_pdf(folder / "report.html", folder / "report.pdf")
         _write_manifest(folder, json.loads((folder / "manifest.json").read_text("utf-8")))
     except OSError as error:
         fresh.unlink(missing_ok=True)

@@ -18,6 +18,7 @@ from nebosvod.report.wording import finite, join, number, percent, quantity, sca
 
 REMEDIES = ("if_vanished", "if_halved")
 GAINS = ("same", "new")
+WORSE = 1.3  # times the present sigma, above which a remedy is not drawn but said
 SMALL = 5e-4  # a share below this has no room in a bar
 
 
@@ -165,7 +166,8 @@ def remedies_plate(run: RunFolder, ledger: Ledger) -> Plate | None:
         return None
     factor, unit = scale_of(ledger.total, ledger.unit)
     high = 22.0 * len(shown)
-    values = [factor * ledger.total, *(v * factor for e in shown for v in e.then.values() if finite(v))]
+    most = WORSE * ledger.total
+    values = [factor * ledger.total, *(v * factor for e in shown for v in e.then.values() if finite(v) and v <= most)]
     chart = Chart("budget-remedies", height=0.0)
     panel = chart.panel(
         linear(values, f"total sigma of {ledger.title}, {unit}"),
@@ -175,7 +177,7 @@ def remedies_plate(run: RunFolder, ledger: Ledger) -> Plate | None:
     )
     panel.upright(ledger.total * factor, stroke=INK, stroke_width=1.2)
     for i, e in enumerate(shown):
-        now, new = ledger.total * factor, e.then["if_vanished", "new"] or 0.0
+        now, new = ledger.total * factor, min(ledger.total, e.then["if_vanished", "new"] or 0.0)
         panel.bar(
             new * factor,
             now,
@@ -188,7 +190,7 @@ def remedies_plate(run: RunFolder, ledger: Ledger) -> Plate | None:
     for gain, colour, marker, name in (("new", BLUE, "o", "re-optimised"), ("same", VERMILION, "O", "gain as it is")):
         for remedy, word in (("if_vanished", "vanished"), ("if_halved", "halved")):
             left = [(i, e.then[remedy, gain]) for i, e in enumerate(shown)]
-            points = [(factor * v, -float(i)) for i, v in left if finite(v)]
+            points = [(factor * v, -float(i)) for i, v in left if finite(v) and v <= most]
             shape = marker if word == "vanished" else "D" if gain == "new" else "P"
             panel.marks(points, shape, f"{word}, {name}", color=colour, size=6.5 if shape == "o" else 3.0)
     panel.close()
@@ -216,7 +218,7 @@ def _remedies_caption(ledger: Ledger) -> Markup:
     best, half = best_remedy(ledger), best_remedy(ledger, "if_halved")
     if best is None or half is None:
         return Markup("")
-    return Markup(
+    text = Markup(
         "Without <b>{}</b> the sigma of {} would fall from {} to {}, were the estimator told of it; to {} with its "
         "gain as it is. Halving one source brings most for {}: {}. Shares add up; gains of several remedies do not."
     ).format(
@@ -228,3 +230,10 @@ def _remedies_caption(ledger: Ledger) -> Markup:
         half.source,
         quantity(half.then["if_halved", "new"], ledger.unit),
     )
+    worse = [e.source for e in ledger.entries if finite(v := e.then["if_vanished", "new"]) and v > 1.01 * ledger.total]
+    if worse:
+        text += Markup(
+            " Without {} the re-optimised sigma would be larger: the estimator leaves sources out of its weights and "
+            "would trust the cleaned measurements too much."
+        ).format(join(worse))
+    return text

@@ -134,12 +134,13 @@ def _limits(values: Iterable[float]) -> tuple[float, float]:
 
 def _minor(low: float, high: float, ends: tuple[int, int]) -> list[float]:
     """Round values inside a short logarithmic axis, more of them the shorter it is."""
-    for leads in ((1.0, 2.0, 5.0), (1.0, 1.5, 2.0, 3.0, 5.0, 7.0), tuple(1.0 + 0.2 * k for k in range(45))):
+    for leads in ((1.0, 2.0, 5.0), (1.0, 1.5, 2.0, 3.0, 5.0, 7.0)):
         found = [lead * 10.0**k for k in range(ends[0], ends[1] + 1) for lead in leads]
         found = [v for v in found if low <= v <= high]
         if len(found) >= 3:
-            break
-    return found if len(found) <= 7 else found[:: -(-len(found) // 6)]
+            return found
+    step = round_step((high - low) / 4)
+    return [k * step for k in range(math.ceil(low / step), math.floor(high / step) + 1)]
 
 
 def _dates(start: datetime, end: datetime, most: float) -> tuple[list[datetime], str]:

@@ -157,7 +157,7 @@ def comparison_table(run: RunFolder, estimator: Item) -> Table | None:
         ).format(number(level, 1)),
         head=("component", "formal", "extended", "worst correlation", "bound for any correlation", "guaranteed bound",
               "Monte Carlo (99 % interval)", "how they agree"),
-        align="lrrrrrrl", rows=tuple(rows),
+        align="lrrrrrrw", rows=tuple(rows),
     )  # fmt: skip
 
 

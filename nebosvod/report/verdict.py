@@ -53,7 +53,7 @@ def verdict(
         return Verdict(headline=_no_answer(run), answers=(("Why", tuple(_failures(run))),), tone="bad")
     own, honest = _trust(main)
     fit, fits = _fit(main)
-    others = [_trust(e)[0] for e in run.estimators if _misleads(e) and e is not main]
+    others = [_trust(e)[0] for e in run.estimators if _misleads(e) and not _alike(e, main)]
     every = all(e["status"] == "converged" for e in run.estimators)
     asked: list[tuple[str, list[Markup | None]]] = [
         ("How accurate", [*_predictions(run, main), _orbit(run, main)]),
@@ -264,6 +264,12 @@ def _misleads(estimator: Item) -> bool:
     """True for an estimator whose formal position sigma is not the true one."""
     ratio = formal_ratio(estimator)
     return ratio is not None and abs(ratio - 1.0) >= AGREE
+
+
+def _alike(estimator: Item, main: Item) -> bool:
+    """True where the main estimator's sentence says it all: the same true and formal sigma."""
+    keys = ("sigma_position_km", "sigma_formal_position_km")
+    return all(math.isclose(estimator.get(k) or 0.0, main.get(k) or 0.0, rel_tol=AGREE) for k in keys)
 
 
 def _trust(main: Item) -> tuple[Markup | None, bool]:
