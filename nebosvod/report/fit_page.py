@@ -2,8 +2,17 @@
 
 from pathlib import Path
 
+from markupsafe import Markup
+
+from nebosvod.report import fit_figures, fit_tables
 from nebosvod.report.base import render
-from nebosvod.report.folder import read_folder
+from nebosvod.report.ellipses import ellipse_plate
+from nebosvod.report.folder import Item, RunFolder, read_folder
+from nebosvod.report.tables import Cell
+from nebosvod.report.wording import count, number, quantity
+
+TONES = {"converged": "good"}
+MOST = 12  # sources of the budget shown at once
 
 
 def make_fit_report(folder: Path) -> str:
@@ -15,4 +24,86 @@ def make_fit_report(folder: Path) -> str:
         If the folder is not a run folder or one of its files is damaged; the message names the file.
     """
     run = read_folder(Path(folder))
-    return render("fit.html", kind="Orbit fit", title=run.summary["title"], run=run, fit=run.summary["fit"])
+    summary, fit, orbit = run.summary, run.summary["fit"], run.summary["orbit"]
+    found = [] if orbit is None or orbit["elements"] is None else [fit_figures.correlation_plate(orbit["elements"])]
+    station = fit_figures.station_plate(list(fit["stations"]))
+    reference = summary["reference_orbit"]
+    return render(
+        "fit.html",
+        kind="Orbit fit",
+        title=summary["title"],
+        run=run,
+        fit=fit,
+        orbit=orbit,
+        tone=TONES.get(fit["status"], "bad"),
+        tiles=_tiles(run, fit, orbit),
+        answers=_answers(run, fit),
+        warnings=summary["warnings"],
+        plates={
+            "residuals": fit_figures.residual_plates(run),
+            "stations": [] if station is None else [station],
+            "correlation": found,
+            "predictions": [p for p in map(ellipse_plate, summary["predictions"]) if p is not None],
+        },
+        tables={
+            "elements": None if orbit is None else fit_tables.elements(orbit),
+            "state": None if orbit is None else fit_tables.state(orbit),
+            "parameters": fit_tables.parameters(run.estimators[0]),
+            "stations": fit_tables.stations(fit),
+            "rejected": fit_tables.rejected(fit),
+            "weights": fit_tables.weights(fit),
+            "budget": fit_tables.budget(list(summary["budget"])[:MOST]),
+            "budget_rest": fit_tables.budget(list(summary["budget"])[MOST:]),
+            "reference": None if reference is None else fit_tables.reference(reference),
+        },
+        reference=reference,
+    )
+
+
+def _tiles(run: RunFolder, fit: Item, orbit: Item | None) -> list[tuple[str, Cell]]:
+    """The numbers a reader looks for first."""
+    tiles: list[tuple[str, Cell]] = [
+        ("status", str(fit["status"]).replace("_", " ")),
+        ("observations", f"{fit['n_selected']} of {run.summary['n_observations']}"),
+        ("arc", fit["arc"]),
+        ("rms", quantity(fit["rms_arcsec"], "arcsec")),
+    ]
+    if orbit is not None:
+        tiles.append(("position, 1σ", quantity(orbit["sigma_position_km"], "km")))
+        tiles.append(("velocity, 1σ", quantity(orbit["sigma_velocity_m_s"], "m_s")))
+    return tiles
+
+
+def _answers(run: RunFolder, fit: Item) -> list[tuple[str, list[Cell]]]:
+    """Sentences made from numbers: how it ended, how well it agrees, what is to blame."""
+    said: list[tuple[str, list[Cell]]] = [("How it ended", [fit["message"], f"The orbit started from {fit['start']}."])]
+    reduced = fit["reduced_chi2"]
+    agree: list[Cell] = [
+        Markup("chi² {} for {}").format(number(fit["chi2"], 4), count(fit["dof"], "degree") + " of freedom")
+        + ("." if reduced is None else f", {reduced:.2f} for each.")
+    ]
+    if reduced is not None and reduced < 0.6:
+        agree.append("The observations scatter less than their weights say: the sigmas below are on the careful side.")
+    if reduced is not None and reduced > 1.5:
+        agree.append("The observations scatter more than their weights say: the sigmas below are too small.")
+    if fit["n_rejected"]:
+        agree.append(f"{fit['n_rejected']} observations were rejected, each with its chi below.")
+    said.append(("How well the observations agree", agree))
+    budget = run.summary["budget"]
+    if budget:
+        kinds: dict[str, float] = {}
+        for row in budget:
+            name = row["source"]
+            kind = "measurement noise" if name.startswith("measurement noise") else name
+            kinds[kind] = kinds.get(kind, 0.0) + row["share_position"]
+        parts = sorted(kinds.items(), key=lambda item: -item[1])[:3]
+        text = ", ".join(f"{kind} {100.0 * share:.0f} %" for kind, share in parts)
+        said.append(("What is to blame for the position sigma", [text + " of its variance."]))
+    reference = run.summary["reference_orbit"]
+    if reference is not None:
+        said.append((f"Against {reference['name']}", [
+            Markup("{} apart at the epoch of the fit, chi² {} for 6 degrees of freedom.").format(
+                quantity(reference["difference_position_km"], "km"), number(reference["chi2"])
+            )
+        ]))  # fmt: skip
+    return said
