@@ -78,8 +78,19 @@ class Sky:
 
     def select(self, chosen: Rows | Flags) -> "Sky":
         """The sky of these observations alone."""
-        parts = ("t_s", "observed", "R", "whitener", "observer", "sun")
-        return replace(self, **{name: np.ascontiguousarray(getattr(self, name)[chosen]) for name in parts})
+
+        def part(values: Array) -> Array:
+            return np.ascontiguousarray(values[chosen])
+
+        return replace(
+            self,
+            t_s=part(self.t_s),
+            observed=part(self.observed),
+            R=part(self.R),
+            whitener=part(self.whitener),
+            observer=part(self.observer),
+            sun=part(self.sun),
+        )
 
     def counted_from(self, epoch: Epoch) -> "Sky":
         """The same with times counted from another epoch."""
