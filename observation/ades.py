@@ -16,7 +16,7 @@ from nebosvod.observation.ades_psv import csv_cells, psv_cells
 from nebosvod.observation.ades_write import Residuals, write_psv, write_xml
 from nebosvod.observation.ades_xml import xml_cells
 from nebosvod.observation.contracts import Array
-from nebosvod.observation.designations import Designation, canonical_number, kind, unpacked
+from nebosvod.observation.designations import OWN_NAME, Designation, canonical_number, kind, unpacked
 from nebosvod.observation.records import Astrometry, Texts, told, without_repeats
 from nebosvod.observation.source_file import read_source
 from nebosvod.observation.universal_time import FIRST_YEAR, LAST_YEAR, month_days, tdb_times
@@ -24,7 +24,7 @@ from nebosvod.timescale import Epoch
 
 __all__ = ["Residuals", "read_csv", "read_psv", "read_xml", "to_astrometry", "write_psv", "write_xml"]
 
-TIME = re.compile(r"(\d{4})-(\d{2})-(\d{2})T(\d{2}):(\d{2}):(\d{2})(\.\d{0,12})?Z")
+TIME = re.compile(r"(\d{4})-(\d{2})-(\d{2})T(\d{2}):(\d{2}):(\d{2})(\.\d{0,12})?Z", re.ASCII)
 CATALOGUE = re.compile(r"[.A-Za-z0-9_]{1,8}")
 SHORT_NAME = re.compile(r"[A-Za-z0-9_]{1,3}")
 ARCSEC_RAD = np.pi / 648000.0
@@ -126,7 +126,7 @@ def _designations(cells: Cells) -> tuple[Texts, tuple[str, ...]]:
             found[key] = _designation(*key)
         one = found[key]
         if one is None:
-            name = "permID" if key[0] else "provID"
+            name = next(name for name, text in zip(("permID", "provID", "trkSub"), (*key[:2], "-")) if text)
             cells.wrong(row, name, 'is no designation; allowed such as permID "3666", provID "1979 HP", trkSub "B853"')
         named.append(one or Designation())
     numbers = {one.provisional: one.number for one in named if one.number and one.provisional}
@@ -142,7 +142,7 @@ def _designation(permanent: str, provisional: str, own: str) -> Designation | No
     """The designation of one record by what the texts are, whichever column they stand in; None if they are nothing."""
     texts = [text if kind(text) else unpacked(text) for text in (provisional, permanent) if text]
     kinds = {kind(text): text for text in texts}
-    if "" in kinds or not (kinds or own):
+    if "" in kinds or not (kinds or own) or not OWN_NAME.fullmatch(own or "-"):
         return None
     number = canonical_number(kinds["number"]) if "number" in kinds else ""
     return Designation(number=number, provisional=kinds.get("provisional", ""), own=own)

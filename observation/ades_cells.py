@@ -9,8 +9,8 @@ from nebosvod.observation.contracts import Array
 from nebosvod.observation.records import Rows
 from nebosvod.observation.source_file import SourceFile, printable
 
-DECIMAL = re.compile(r"[+-]?(?:\d{1,30}\.?\d{0,30}|\.\d{1,30})")
-REAL = re.compile(DECIMAL.pattern + r"(?:[eE][+-]?\d{1,3})?")
+DECIMAL = re.compile(r"[+-]?(?:\d{1,30}\.?\d{0,30}|\.\d{1,30})", re.ASCII)
+REAL = re.compile(DECIMAL.pattern + r"(?:[eE][+-]?\d{1,3})?", re.ASCII)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -17,7 +17,7 @@ GROUND = ("WGS84", "ITRF")
 CENTRES = {399: "earth", 10: "sun", 0: "ssb"}
 POSITIONS = ("pos1", "pos2", "pos3")
 COVARIANCES = ("posCov11", "posCov12", "posCov13", "posCov22", "posCov23", "posCov33")
-INTEGER = re.compile(r"[+-]?\d{1,9}(?:\.0*)?")
+INTEGER = re.compile(r"[+-]?\d{1,9}(?:\.0*)?", re.ASCII)
 
 
 def places(cells: Cells) -> tuple[Texts, Array, Array, Flags, tuple[str, ...]]:

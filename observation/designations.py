@@ -5,10 +5,11 @@ from dataclasses import dataclass
 
 from mpc_designation import MPCDesignationError, unpack
 
-NUMBER = re.compile(r"0*([1-9]\d{0,8})")
-NUMBERED_COMET = re.compile(r"0*([1-9]\d{0,3}[PDI](?:-[A-Z]{1,2})?)")
+NUMBER = re.compile(r"0*([1-9]\d{0,8})", re.ASCII)
+NUMBERED_COMET = re.compile(r"0*([1-9]\d{0,3}[PDI](?:-[A-Z]{1,2})?)", re.ASCII)
 PROVISIONAL = re.compile(
-    r"(?:\d{4}|A[89]\d{2}) [A-HJ-Y][A-HJ-Z]\d*|\d{4} (?:P-L|T-[123])|[ACDIPX]/\d{4} [A-Z]{1,2}\d*(?:-[A-Z]{1,2})?"
+    r"(?:\d{4}|A[89]\d{2}) [A-HJ-Y][A-HJ-Z]\d*|\d{4} (?:P-L|T-[123])|[ACDIPX]/\d{4} [A-Z]{1,2}\d*(?:-[A-Z]{1,2})?",
+    re.ASCII,
 )
 OWN_NAME = re.compile(r"[-?+@./()\\A-Za-z0-9_ ]{1,25}")
 

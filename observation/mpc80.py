@@ -22,7 +22,7 @@ from nebosvod.observation.source_file import SourceFile, read_source
 from nebosvod.observation.universal_time import FIRST_YEAR, LAST_YEAR, iso, month_days, tdb_times
 from nebosvod.timescale import Epoch
 
-MAGNITUDE = re.compile(r" *[+-]?(\d+\.?\d*|\.\d+) *")
+MAGNITUDE = re.compile(r" *[+-]?([0-9]+\.?[0-9]*|\.[0-9]+) *")
 
 
 def read(path: str | Path) -> Astrometry:
@@ -92,7 +92,7 @@ def _stations(records: RecordLines) -> Texts:
     codes, which = distinct(records.head[:, 77:80])
     for k, code in enumerate(codes):
         if not obscodes.known(code):
-            records.wrong(which == k, lambda _, code=code: f"columns 78-80: {obscodes.unknown(code)}")  # type: ignore[misc]
+            records.wrong(which == k, lambda _, code=code: f'columns 78-80 "{code}": {obscodes.unknown(code)}')  # type: ignore[misc]
     return np.array(codes)[which]
 
 

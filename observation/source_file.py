@@ -75,7 +75,7 @@ class SourceFile:
             raise self._all()
 
     def _all(self) -> InputError:
-        more = [f"{self.name}: and {self.unsaid} more of this kind"] if self.unsaid else []
+        more = [f"{self.name}: and {self.unsaid} more"] if self.unsaid else []
         return InputError("\n".join([*self.problems, *more]))
 
 
