@@ -102,7 +102,7 @@ def _draw(panel: Panel, K: Array, formal: Array | None, points: Array | None) ->
     """Three true ellipses, filled ever lighter, the formal ones dashed, drawn orbits as dots; in a view that zooms."""
     box = (panel.left, panel.top, panel.right - panel.left, panel.bottom - panel.top)
     inverse = np.linalg.solve(K, np.eye(2)) if np.linalg.cond(K) < 1e12 else None
-    told = {} if inverse is None else {"data_k": f"{inverse[0, 0]!r} {inverse[0, 1]!r} {inverse[1, 1]!r}"}
+    told = {} if inverse is None else {"data_k": " ".join(repr(v) for v in inverse[[0, 0, 1], [0, 1, 1]].tolist())}
     panel.open(**told)
     panel.chart.parts.append(
         f'<svg class="view" x="{box[0]:g}" y="{box[1]:g}" width="{box[2]:g}" height="{box[3]:g}" '

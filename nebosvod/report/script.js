@@ -13,7 +13,7 @@
   const number = v => {
     if (v === 0) return "0";
     const size = Math.abs(v);
-    const text = size >= 1e5 || size < 1e-3 ? v.toExponential(2).replace("e", " × 10^") : Number(v.toPrecision(3)).toString();
+    const text = size >= 1e5 || size < 1e-3 ? v.toExponential(2).replace("e+", "e").replace("e", " × 10^") : Number(v.toPrecision(3)).toString();
     return text.replace("-", "−");
   };
   const date = (origin, days) =>
@@ -53,6 +53,7 @@
   const told = (scale, name, v, origin) => {
     if (scale.kind === "time") return date(origin, v);
     const [what, unit] = name.split(", ");
+    if (scale.kind !== "log" && Math.abs(v) < 1e-4 * Math.abs(scale.v1 - scale.v0)) v = 0;  // finer than a pixel
     return name === "" ? "" : `${what} ${number(v)}${unit ? " " + unit : ""}`;
   };
   const points = path => {

@@ -347,3 +347,27 @@ def run_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def make_run_folder() -> Callable[..., Path]:
     """The builder itself, for folders that differ."""
     return build
+
+
+@pytest.fixture(scope="session")
+def real_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run of the program itself: the smallest mission with a target on the sky, an ignored bias, and Monte Carlo."""
+    from nebosvod.mission import load_mission
+    from nebosvod.pipeline import run
+    from nebosvod.result import RunFolder
+
+    folder = tmp_path_factory.mktemp("real")
+    built_in = Path(__file__).parents[3] / "scenarios" / "minimal.yaml"
+    text = built_in.read_text("utf-8").replace("  - {name: ten days later", SKY + "  - {name: ten days later")
+    (folder / "small.yaml").write_text(text + ESTIMATORS, "utf-8")
+    with RunFolder(folder / "run") as target:
+        target.publish(run(load_mission(str(folder / "small.yaml")), seed=3))
+    return folder / "run"
+
+
+SKY = "  - {name: seen from ahead, plane: sky, from: ahead, at: 2028-04-29T00:00:00 TDB}\n"
+ESTIMATORS = """monte_carlo: {runs: 40}
+estimators:
+  - {name: batch, method: batch_qr}
+  - {name: blind, method: batch_qr, treatment: {bias: ignored}}
+"""

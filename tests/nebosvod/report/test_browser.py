@@ -10,7 +10,10 @@ from typing import Any
 
 import pytest
 
+from nebosvod.report.folder import read_folder
+from nebosvod.report.ledger import ledgers
 from nebosvod.report.page import make_report
+from nebosvod.report.wording import scale_of
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 QUIET = (
@@ -42,16 +45,21 @@ for (const name of names) {
 </script></body>"""
 
 
-@pytest.mark.skipif(BROWSER is None, reason="no Chromium is installed")
-def test_page_is_quiet_asks_for_nothing_and_fits_phone_and_laptop(run_folder: Path, tmp_path: Path) -> None:
-    text = json.dumps(make_report(run_folder)).replace("</", "<\\/").replace("<!--", "<\\!--")
-    probe = tmp_path / "probe.html"
-    probe.write_text(PROBE % text, "utf-8")
-    done = subprocess.run(
-        [str(BROWSER), *QUIET, f"--user-data-dir={tmp_path / 'profile'}", "--window-size=1800,3200",
-         "--virtual-time-budget=8000", "--dump-dom", probe.as_uri()],
+def browse(probe: str, folder: Path, scratch: Path) -> subprocess.CompletedProcess[str]:
+    """Open a page of ours inside a probe page; returns what the browser printed, the probe's document among it."""
+    text = json.dumps(make_report(folder)).replace("</", "<\\/").replace("<!--", "<\\!--")
+    path = scratch / "probe.html"
+    path.write_text(probe % text, "utf-8")
+    return subprocess.run(
+        [str(BROWSER), *QUIET, f"--user-data-dir={scratch / 'profile'}", "--window-size=1800,3200",
+         "--virtual-time-budget=8000", "--dump-dom", path.as_uri()],
         capture_output=True, text=True, timeout=120, check=False,
     )  # fmt: skip
+
+
+@pytest.mark.skipif(BROWSER is None, reason="no Chromium is installed")
+def test_page_is_quiet_asks_for_nothing_and_fits_phone_and_laptop(real_folder: Path, tmp_path: Path) -> None:
+    done = browse(PROBE, real_folder, tmp_path)
     match = re.search(r'<pre id="found">(.+?)</pre>', done.stdout)
     assert match, done.stderr[-2000:]
     assert "CONSOLE" not in done.stderr
@@ -59,6 +67,70 @@ def test_page_is_quiet_asks_for_nothing_and_fits_phone_and_laptop(run_folder: Pa
     for name in ("phone", "laptop"):
         assert found[name]["requests"] == []
         assert found[name]["scroll"] <= found[name]["width"]
-        assert len(found[name]["pictures"]) == 8
-        assert min(found[name]["pictures"]) > 100
+        assert len(found[name]["pictures"]) == 13
+        assert min(height for height in found[name]["pictures"] if height) > 80
         assert found[name]["cut"] == []
+
+
+TOUCH = """<!DOCTYPE html><body style="margin:0">
+<iframe id="page" style="width:1200px;height:9000px"></iframe>
+<pre id="found"></pre><script>
+const page = %s, found = {}, frame = document.getElementById("page");
+frame.onload = () => {
+  const d = frame.contentDocument, w = frame.contentWindow, tip = d.querySelector(".tip");
+  const move = (e, x, y) => {
+    e.dispatchEvent(new w.PointerEvent("pointermove", {clientX: x, clientY: y, bubbles: true}));
+    return tip.hidden ? null : tip.textContent;
+  };
+  const view = d.querySelector("svg.view"), box = view.getBoundingClientRect(), home = view.getAttribute("viewBox");
+  found.centre = move(view, box.left + box.width / 2, box.top + box.height / 2);
+  const tools = view.ownerSVGElement.parentNode.previousElementSibling.querySelectorAll("button");
+  tools[0].click();
+  found.zoomed = view.getAttribute("viewBox");
+  found.ticks = view.ownerSVGElement.querySelectorAll(".axes text").length;
+  tools[2].click();
+  found.home = view.getAttribute("viewBox") === home;
+  const path = d.querySelector("#nuisance g.panel .s"), svg = path.ownerSVGElement;
+  const [a, b] = path.getAttribute("d").match(/M(-?[\\d.]+) (-?[\\d.]+)/).slice(1).map(Number);
+  const p = new w.DOMPoint(a, b).matrixTransform(svg.getScreenCTM());
+  found.point = move(svg, p.x, p.y);
+  const bar = d.querySelector("#budget-shares g.panel rect"), r = bar.getBoundingClientRect();
+  found.bar = move(bar, r.left + 2, r.top + 2);
+  const table = d.querySelector("table.budget"), live = table.querySelector(".live");
+  const boxes = table.querySelectorAll("input");
+  found.before = live.textContent;
+  boxes[0].click();
+  found.one = live.textContent;
+  boxes[1].click();
+  found.two = live.textContent;
+  document.getElementById("found").textContent = JSON.stringify(found);
+};
+frame.srcdoc = page;
+</script></body>"""
+
+
+@pytest.mark.skipif(BROWSER is None, reason="no Chromium is installed")
+def test_pointer_zoom_and_switches_tell_the_numbers_of_the_page(real_folder: Path, tmp_path: Path) -> None:
+    done = browse(TOUCH, real_folder, tmp_path)
+    assert "CONSOLE" not in done.stderr
+    match = re.search(r'<pre id="found">(.+?)</pre>', done.stdout)
+    assert match, done.stderr[-2000:]
+    found: dict[str, Any] = json.loads(html.unescape(match[1]))
+    run = read_folder(real_folder)
+    book = ledgers(run, run.estimators[0])[0]
+    eta = run.summary["noise_to_nuisance"]["eta_db"][0]
+    assert re.match(r"Δ RA cos Dec .*: on the .*σ ellipse, which holds 0.0 %", found["centre"])
+    assert float(found["zoomed"].split()[2]) < 170
+    assert found["ticks"] >= 4
+    assert found["home"]
+    assert found["point"].startswith("ahead: 2028-03-20 00:00 TDB, noise to nuisance")
+    assert float(found["point"].split()[-2]) == pytest.approx(eta, abs=0.02)
+    assert found["bar"].startswith(f"{book.title}: {book.entries[0].source.split()[0]}")
+    first, second = book.entries[:2]
+    factor = scale_of(book.total, book.unit)[0]
+    left = [book.total * factor * (1 - s) ** 0.5 for s in (first.share, first.share + second.share)]
+    assert "untick" in found["before"]
+    assert f"without: {left[0]:.3g}" in found["one"]
+    assert f"re-optimised {factor * (first.then['if_vanished', 'new'] or 0):.3g}" in found["one"]
+    assert f"without: {left[1]:.3g}" in found["two"]
+    assert "re-optimised" not in found["two"]
