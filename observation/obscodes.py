@@ -33,14 +33,11 @@ def needs_position(code: str) -> bool:
 
 
 def nearest(code: str, most: int = 5) -> tuple[str, ...]:
-    """Known codes one letter away from this one: letters that look alike first, then in order."""
+    """Known codes that may be meant: those that look the same first, then those that differ in one letter."""
+    looks = code.strip().translate(ALIKE).upper()
+    same = [one for one in codes() if one.translate(ALIKE) == looks]
     near = [one for one in codes() if len(one) == len(code) and sum(a != b for a, b in zip(one, code)) <= 1]
-    if not near:
-        near = [one for one in codes() if one.lower() == code.strip().lower()]
-    wanted = code.upper().translate(ALIKE)
-    return tuple(
-        sorted(near, key=lambda one: (one.translate(ALIKE) != wanted, one.upper() != code.upper(), one))[:most]
-    )
+    return tuple(dict.fromkeys([*same, *near]))[:most]
 
 
 def described(code: str) -> str:

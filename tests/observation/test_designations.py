@@ -1,0 +1,55 @@
+"""Packed and unpacked designations in the first twelve columns of a record."""
+
+import pytest
+
+from nebosvod.observation.designations import Designation, from_columns, kind
+
+# examples of https://www.minorplanetcenter.net/iau/info/PackedDes.html
+PACKED = {
+    "03202       ": Designation(number="3202"),
+    "50000       ": Designation(number="50000"),
+    "A0345       ": Designation(number="100345"),
+    "a0017       ": Designation(number="360017"),
+    "K3289       ": Designation(number="203289"),
+    "~0000       ": Designation(number="620000"),
+    "~AZaz       ": Designation(number="3140113"),
+    "     J95X00A": Designation(provisional="1995 XA"),
+    "     J95X01L": Designation(provisional="1995 XL1"),
+    "     J95F13B": Designation(provisional="1995 FB13"),
+    "     J98SA8Q": Designation(provisional="1998 SQ108"),
+    "     J99AJ3Z": Designation(provisional="1999 AZ193"),
+    "     PLS2040": Designation(provisional="2040 P-L"),
+    "     T1S3138": Designation(provisional="3138 T-1"),
+    "03202J95X00A": Designation(number="3202", provisional="1995 XA"),
+    "    CJ95A010": Designation(provisional="C/1995 A1"),
+    "    PJ94P01b": Designation(provisional="P/1994 P1-B"),
+    "0004P       ": Designation(number="4P"),
+    "     P10abcd": Designation(own="P10abcd"),
+    "     A10Rq2c": Designation(own="A10Rq2c"),
+    "  2005 TM173": Designation(provisional="2005 TM173"),
+    "3666        ": Designation(number="3666"),
+}
+
+
+@pytest.mark.parametrize("columns", PACKED)
+def test_the_columns_are_unpacked(columns: str) -> None:
+    assert from_columns(columns) == PACKED[columns]
+
+
+@pytest.mark.parametrize("columns", ["            ", "K05  K05TH3M", "Q           ", '     "<>"   '])
+def test_what_is_no_designation_is_none(columns: str) -> None:
+    assert from_columns(columns) is None
+
+
+def test_the_name_is_the_most_lasting_designation() -> None:
+    assert Designation(number="3666", provisional="1979 HP", own="x").name == "3666"
+    assert Designation(provisional="1979 HP", own="x").name == "1979 HP"
+    assert Designation(own="x").name == "x"
+
+
+def test_kinds_of_unpacked_designations_are_told_apart() -> None:
+    numbers = ("1", "3666", "620000", "4P", "73P-B")
+    provisional = ("1979 HP", "2016 NX22", "2040 P-L", "C/2019 Y4", "A904 OA")
+    assert [kind(text) for text in numbers] == ["number"] * 5
+    assert [kind(text) for text in provisional] == ["provisional"] * 5
+    assert [kind(text) for text in ("", "0", "Apophis", "1979HP", "٣٦٦")] == [""] * 5
