@@ -178,7 +178,7 @@ def _no_place(astrometry: Astrometry, i: int) -> str:
     """The sentence about a record whose observer could be anywhere."""
     code, where = str(astrometry.station[i]), f"{astrometry.path[i]}:{astrometry.line[i]}"
     if not obscodes.known(code):
-        return f"{where}: {obscodes.unknown(code)}"
+        return f'{where}: observatory code "{code}" {obscodes.unknown(code)}'
     return (
         f"{where}: observatory {obscodes.described(code)} has no fixed place and the record states no position; "
         f"give the position in the record or a trajectory file (SPK, OEM) for station {code}"

@@ -144,7 +144,7 @@ def _rule(row: dict[str, str], where: str, name: str) -> Rule:
     stations, modes = _names(row["station"]), _names(row["mode"])
     for code in sorted(stations):
         if not obscodes.known(code):
-            raise InputError(f"station: {obscodes.unknown(code)}")
+            raise InputError(f'station: observatory code "{code}" {obscodes.unknown(code)}')
     if modes - set(MODES):
         raise InputError(f'mode: "{min(modes - set(MODES))}" is none of {", ".join(MODES)}')
     sigma = _sigma(row, "sigma_ra_arcsec"), _sigma(row, "sigma_dec_arcsec")

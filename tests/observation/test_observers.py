@@ -13,6 +13,7 @@ from astropy.utils import iers
 
 from nebosvod.errors import CoverageError, InputError
 from nebosvod.observation import GroundSite, mpc80, table
+from nebosvod.observation.debias import CATALOGUES
 from nebosvod.observation.direction import unit_vector
 from nebosvod.observation.mpc80 import parse
 from nebosvod.observation.observers import ground_states, telescopes, velocities
@@ -210,6 +211,12 @@ def test_directions_of_holman_are_those_of_another_code_where_it_takes_no_catalo
     assert untouched.sum() > 1700
     # ten digits in the file; six pairs of records within seconds of each other may be exchanged
     assert np.sum(np.abs(direction[untouched]).max(axis=1) > 2e-10) < 5
+    # and it moves every direction that was measured against one of the catalogues of that table, by less than 1"
+    known = np.isin(records.catalogue, CATALOGUES)
+    moved = np.abs(direction).max(axis=1)
+    assert np.median(moved[known]) > 1e-7
+    assert np.mean(moved[known] > 1e-9) > 0.99
+    assert np.max(moved) < 4.9e-6
 
 
 def test_observers_of_holman_until_2021_are_those_of_another_code(holman) -> None:
