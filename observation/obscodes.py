@@ -33,11 +33,18 @@ def needs_position(code: str) -> bool:
 
 
 def nearest(code: str, most: int = 5) -> tuple[str, ...]:
-    """Known codes that may be meant: those that look the same first, then those that differ in one letter."""
-    looks = code.strip().translate(ALIKE).upper()
-    same = [one for one in codes() if one.translate(ALIKE) == looks]
-    near = [one for one in codes() if len(one) == len(code) and sum(a != b for a, b in zip(one, code)) <= 1]
-    return tuple(dict.fromkeys([*same, *near]))[:most]
+    """Known codes that may be meant: the same but for case, those that look the same, those of one other letter."""
+    wanted = code.strip()
+    looks = wanted.upper().translate(ALIKE)
+
+    def letters_apart(one: str) -> int:
+        return sum(a != b for a, b in zip(one, wanted)) if len(one) == len(wanted) else len(one)
+
+    def rank(one: str) -> tuple[bool, bool, int, str]:
+        return one.upper() != wanted.upper(), one.translate(ALIKE) != looks, letters_apart(one), one
+
+    near = [one for one in codes() if letters_apart(one) <= 1 or one.translate(ALIKE) == looks]
+    return tuple(sorted(near, key=rank)[:most])
 
 
 def described(code: str) -> str:

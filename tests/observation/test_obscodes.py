@@ -15,7 +15,7 @@ def test_codes_of_the_ground_of_space_and_of_nothing_are_told_apart() -> None:
 
 
 @pytest.mark.parametrize(
-    ("typed", "meant"), [("7O3", "703"), ("G9B", "G98"), ("g96", "G96"), ("5OO", "500"), ("F5I", "F51")]
+    ("typed", "meant"), [("7O3", "703"), ("G9G", "G96"), ("g96", "G96"), ("5OO", "500"), ("F5I", "F51")]
 )
 def test_the_nearest_code_comes_first(typed: str, meant: str) -> None:
     assert obscodes.nearest(typed)[0] == meant
