@@ -49,7 +49,7 @@ def app() -> None:
     """
 
 
-@app.command()
+@app.command(short_help="Run a mission; write its folder and report.")
 @click.argument("mission")
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="Run folder [default: ./<mission name>-run].")
 @click.option("--seed", type=click.IntRange(0, 2**63 - 1), default=0, show_default=True, help="Seed of the simulation.")
@@ -80,7 +80,7 @@ def run(mission: str, output: Path | None, seed: int, overwrite: bool, as_json: 
     return EXIT_QUALITY if result.failed else 0
 
 
-@app.command()
+@app.command(short_help="Validate a mission and show what it means; run nothing.")
 @click.argument("mission")
 def check(mission: str) -> int:
     """Validate MISSION, print what it resolves to and what it will cost; run nothing."""
@@ -91,7 +91,7 @@ def check(mission: str) -> int:
     return 0
 
 
-@app.command()
+@app.command(short_help="Write a commented mission to start from.")
 @click.argument("path", type=click.Path(path_type=Path))
 def init(path: Path) -> int:
     """Write a commented mission to PATH (a new .yaml file) to start from."""
@@ -117,7 +117,7 @@ def missions() -> int:
     return 0
 
 
-@app.command()
+@app.command(short_help="Simulate many times: can the sigmas be believed?")
 @click.argument("mission")
 @click.option("--runs", "-n", type=int, default=2000, show_default=True, help="Simulated truths.")
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="Folder [default: ./<mission name>-validation].")
@@ -170,7 +170,7 @@ def validate(
     return 0 if found["passed"] else EXIT_QUALITY
 
 
-@app.command()
+@app.command(short_help="Find what to measure next for a prediction.")
 @click.argument("mission")
 @click.option(
     "--prediction", "-p", help="Name of a prediction of the mission [default: its first encounter, or first]."
@@ -222,7 +222,7 @@ def plan(
     return 0
 
 
-@app.command()
+@app.command(short_help="Show several runs side by side.")
 @click.argument("folders", nargs=-1, type=click.Path(path_type=Path), metavar="DIR DIR ...")
 @click.option("--json", "as_json", is_flag=True, help="Print the comparison as JSON, and nothing else, on stdout.")
 def compare(folders: tuple[Path, ...], as_json: bool) -> int:
@@ -243,7 +243,7 @@ def compare(folders: tuple[Path, ...], as_json: bool) -> int:
     return 0
 
 
-@app.command()
+@app.command(short_help="Make the report of a run again.")
 @click.argument("folder", type=click.Path(path_type=Path))
 @click.option("--pdf", is_flag=True, help="Also print it to report.pdf, by a Chromium of this machine.")
 def report(folder: Path, pdf: bool) -> int:
