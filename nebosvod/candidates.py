@@ -10,11 +10,10 @@ from nebosvod.assembly import computed_psi, linear_problem, nominal_point, view
 from nebosvod.errors import GeometryError, InputError
 from nebosvod.estimation import LinearProblem
 from nebosvod.estimation.subset import subset
-from nebosvod.instruments import nuisance
 from nebosvod.mission import Estimator
 from nebosvod.observation import visibility
 from nebosvod.prior import PriorTable
-from nebosvod.scene import Scene
+from nebosvod.scene import Scene, active_sources
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -128,9 +127,5 @@ def candidates(scene: Scene, estimator: Estimator, priors: PriorTable, epochs: S
 
 def _with_sources(scene: Scene) -> Scene:
     """The scene with the sources of every telescope that now measures something."""
-    seeing = {t.name for t, seen in zip(scene.telescopes, scene.visibilities) if seen.visible.any()}
-    active = {s.name: s for s in scene.mission.sources if seeing & set(s.telescopes)}
-    found = (
-        nuisance(s, scene.mission, tuple(name for name in s.telescopes if name in seeing)) for s in active.values()
-    )
-    return replace(scene, sources=active, nuisances=tuple(found))
+    sources, nuisances = active_sources(scene.mission, scene.telescopes, scene.visibilities)
+    return replace(scene, sources=sources, nuisances=nuisances)

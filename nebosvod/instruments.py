@@ -8,7 +8,7 @@ To teach the program another kind: write it in `observation`, its block in `miss
 
 import json
 from collections.abc import Callable, Mapping
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +17,7 @@ from nebosvod.errors import InputError
 from nebosvod.mission import Mission, Source
 from nebosvod.mission import Telescope as TelescopeBlock
 from nebosvod.mission import spacecraft as said
+from nebosvod.mission.covariance import checked
 from nebosvod.mission.uncertainty import Bias, Photocentre, Position, Timing
 from nebosvod.observation import (
     ArcBias,
@@ -38,6 +39,7 @@ from nebosvod.observation import (
     TimingOffset,
     WhitePosition,
     ZoneBias,
+    obscodes,
     read_oem,
     read_spk,
     sun_synchronous,
@@ -137,16 +139,18 @@ def _sun_synchronous(orbit: said.SunSynchronous, mission: Mission) -> Spacecraft
 
 
 def _ground(orbit: said.Ground, mission: Mission) -> Spacecraft:
-    if orbit.code is None or orbit.file is None:
+    if orbit.code is None:
         constants = (orbit.longitude or 0.0, orbit.rho_cos_phi or 0.0, orbit.rho_sin_phi or 0.0)
         return GroundSite.from_parallax(*constants, extrapolate=orbit.extrapolate)
     try:
-        codes = json.loads(mission.beside(orbit.file).read_text("utf-8"))
+        codes = obscodes.codes()
+        if orbit.file is not None:
+            codes = json.loads(mission.beside(orbit.file).read_text("utf-8"))
         row = codes[orbit.code]
         constants = (np.radians(float(row["Longitude"])), float(row["cos"]), float(row["sin"]))
     except (OSError, ValueError, TypeError, KeyError) as error:
         text = f"has no usable entry {orbit.code} ({type(error).__name__}: {error})"
-        raise InputError(f"{orbit.file}: {text}; needs the MPC's obscodes_extended.json") from None
+        raise InputError(f"{orbit.file or 'ground'}: {text}; needs the MPC's obscodes_extended.json") from None
     return GroundSite.from_parallax(*constants, extrapolate=orbit.extrapolate)
 
 
@@ -167,6 +171,14 @@ SPACECRAFT: Mapping[type, Callable[[Any, Mission], Spacecraft]] = {
 # --- what is uncertain ------------------------------------------------------------------------------------------------
 
 Seeing = tuple[str, ...]
+# axes of a covariance in an OEM file; RSW is another name of RTN
+OEM_AXES: Mapping[str, Literal["icrf", "rtn"]] = {
+    "EME2000": "icrf",
+    "ICRF": "icrf",
+    "GCRF": "icrf",
+    "RTN": "rtn",
+    "RSW": "rtn",
+}
 Kind = TypeVar("Kind")
 
 
@@ -207,18 +219,41 @@ def _position(source: Source, mission: Mission, seeing: Seeing) -> Nuisance:
 
 def _orbit_error(source: Source, mission: Mission, seeing: Seeing) -> Nuisance:
     error = _of(Position, source)
-    covariance = error.covariance
-    if covariance is None:
+    frame, at = error.frame, _epoch(error, mission)
+    if isinstance(error.covariance, str):
+        covariance, frame, at = _covariance_of_orbit(source, mission, at)
+    elif error.covariance is not None:
+        covariance = error.covariance
+    else:
         covariance = np.diag(np.square([*error.sigma_km, *error.sigma_km_s]))
     return OrbitError(
         name=source.name,
         telescopes=seeing,
         covariance=covariance,
-        frame=error.frame,
-        at_s=_epoch(error, mission) - mission.reference_epoch,
+        frame=frame,
+        at_s=at - mission.reference_epoch,
         renewal_s=error.renewal,
         treatment=error.treatment,
     )
+
+
+def _covariance_of_orbit(source: Source, mission: Mission, near: Epoch) -> tuple[Array, Literal["icrf", "rtn"], Epoch]:
+    """The covariance in the telescope's OEM file whose epoch is nearest to one asked for, its frame and its epoch."""
+    orbit = mission.telescope(source.telescopes[0]).orbit
+    if not isinstance(orbit, said.OemFile):
+        raise TypeError(f"{source.name}: its orbit is not from a file")
+    held = read_oem(mission.beside(orbit.file)).covariances
+    if not held:
+        raise InputError(f"{orbit.file}: has no covariance, and {source.name} asks for it; give sigmas or a matrix")
+    found = min(held, key=lambda one: abs(one.epoch - near))
+    axes = OEM_AXES.get(found.frame.upper())
+    if axes is None:
+        known = ", ".join(OEM_AXES)
+        raise InputError(f"{orbit.file}: a covariance on the axes {found.frame} cannot be used (allowed: {known})")
+    try:
+        return checked(found.covariance), axes, found.epoch
+    except InputError as error:
+        raise InputError(f"{orbit.file}: the covariance of {found.epoch} {error}") from None
 
 
 def _timing(source: Source, mission: Mission, seeing: Seeing) -> Nuisance:

@@ -17,6 +17,7 @@ def describe(mission: Mission) -> str:
         sigma = "" if p.sigma is None else f" +- {p.sigma:.4g}"
         lines.append(f"  {p.name:<18} {p.value:.6g}{sigma}, {p.treatment}")
     lines += [f"  ({statement})" for statement in mission.object.statements]
+    lines.append(f"forces           {_forces(mission)}")
     for telescope in mission.telescopes:
         ra, dec = (sigma * ARCSEC for sigma in telescope.noise.sigma_rad)
         noise = f"{ra:.3g} arcsec" if ra == dec else f"{ra:.3g} x {dec:.3g} arcsec"
@@ -29,14 +30,45 @@ def describe(mission: Mission) -> str:
     for arc in mission.schedule:
         who = "all telescopes" if arc.telescopes == "all" else ", ".join(arc.telescopes)
         lines.append(f"schedule         {who}: {arc.start} to {arc.end}, {arc.count} epochs")
+    lines.append("visible          a run counts how many of these each telescope sees, and why not the others")
     lines.append(f"prior orbit      {_prior(mission)}")
     for estimator in mission.estimators:
         changed = "".join(f", {group} {how}" for group, how in estimator.treatment.items())
         lines.append(f"estimator        {estimator.name}: {estimator.method}{changed}")
     for prediction in mission.predictions:
         lines.append(f"prediction       {prediction.name}: {prediction.plane} at {prediction.when}")
+    lines += [f"notice           {notice}" for notice in mission.notices]
     lines += [f"cost             {estimate_cost(mission)}", "the mission is valid; nothing was run"]
     return "\n".join(lines)
+
+
+def _forces(mission: Mission) -> str:
+    """Every force that acts, in words, and those that were switched off."""
+    plan, target = mission.force_model, mission.object
+    without = f" without {', '.join(plan.excluded)}" if plan.excluded else ""
+    relativity = {"sun": "relativity of the Sun", "eih": "relativity of all planets (EIH)", "none": "no relativity"}
+    zonal = {2: "J2", 3: "J2, J3", 4: "J2 to J4"}[plan.earth_harmonics]
+    pole = {"date": "pole of date", "j2000": "pole of J2000"}[plan.earth_pole]
+    said = [
+        "Sun, planets, Moon, Pluto",
+        f"16 asteroids{without}" if plan.asteroids else "no asteroids",
+        relativity[plan.relativity],
+        f"Earth {zonal} ({pole})" if plan.earth_oblateness else "no oblateness of the Earth",
+        "Sun J2" if plan.sun_oblateness else "no oblateness of the Sun",
+    ]
+    if target.has_radiation:
+        said.append("radiation pressure" + ("" if plan.earth_shadow else " without the Earth's shadow"))
+    if target.nongrav_parameters:
+        law = target.nongrav_law
+        g = "g = (1 au/r)^2" if law["k"] == 0.0 and law["m"] == 2.0 else "g of " + _law(law)
+        said.append(f"{', '.join(p.key for p in target.nongrav_parameters)} with {g}")
+    return "; ".join(said)
+
+
+def _law(law: dict[str, float]) -> str:
+    """Constants of Marsden's law in words."""
+    shown = {"r0" if name == "r0_au" else name: f"{value:g}{' au' * (name == 'r0_au')}" for name, value in law.items()}
+    return ", ".join(f"{name} {value}" for name, value in shown.items())
 
 
 def _source(source: Source) -> str:
@@ -49,6 +81,8 @@ def _source(source: Source) -> str:
 
 def _sizes(error: Bias | Position | Timing | Photocentre) -> list[str]:
     """Sigma and whatever else says how large an error is."""
+    if isinstance(error, Position) and error.from_orbit:
+        return ["covariance of its orbit file"]
     if isinstance(error, Position):
         sizes = [" x ".join(f"{s:.3g}" for s in dict.fromkeys(error.sigma_km)) + " km"]
         if error.correlation == "orbit_error" and error.covariance is None:

@@ -3,8 +3,8 @@
 mission (what a file says) -> scene (objects of the stages, evaluated on the nominal orbit).
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -16,7 +16,7 @@ from nebosvod.errors import GeometryError
 from nebosvod.impact import follow
 from nebosvod.instruments import nuisance, telescopes
 from nebosvod.mission import Mission, Source
-from nebosvod.observation import Nuisance, Telescope, Visibility, visibility
+from nebosvod.observation import Nuisance, Telescope, Visibility, ZoneBias, visibility
 from nebosvod.timescale import SECONDS_PER_DAY, Epoch
 
 Array = npt.NDArray[np.float64]
@@ -100,8 +100,7 @@ def build_scene(mission: Mission) -> Scene:
             + "; ".join(lines)
             + "); loosen that limit or move the schedule"
         )
-    seeing = {t.name for t, seen in zip(instruments, visibilities) if seen.visible.any()}
-    active = {s.name: s for s in mission.sources if seeing & set(s.telescopes)}
+    sources, nuisances = active_sources(mission, instruments, visibilities)
     return Scene(
         mission=mission,
         ephemeris=ephemeris,
@@ -109,14 +108,34 @@ def build_scene(mission: Mission) -> Scene:
         state=state,
         telescopes=instruments,
         visibilities=visibilities,
-        sources=active,
-        nuisances=tuple(
-            nuisance(s, mission, tuple(name for name in s.telescopes if name in seeing)) for s in active.values()
-        ),
+        sources=sources,
+        nuisances=nuisances,
         span_s=span,
         needed_s=needed,
         trajectory=trajectory,
     )
+
+
+def active_sources(
+    mission: Mission, instruments: Sequence[Telescope], visibilities: Sequence[Visibility]
+) -> tuple[dict[str, Source], tuple[Nuisance, ...]]:
+    """What is uncertain about telescopes that measure anything: sources by name, and as observation knows them."""
+    seeing = {t.name: seen for t, seen in zip(instruments, visibilities) if seen.visible.any()}
+    active = {s.name: s for s in mission.sources if set(seeing) & set(s.telescopes)}
+    found = []
+    for source in active.values():
+        names = tuple(name for name in source.telescopes if name in seeing)
+        one = nuisance(source, mission, names)
+        found.append(replace(one, sky=_sky([seeing[name] for name in names])) if isinstance(one, ZoneBias) else one)
+    return active, tuple(found)
+
+
+def _sky(visibilities: Sequence[Visibility]) -> Array:
+    """Directions (r, 2) of the exposures of some telescopes on the reference orbit, by time and then telescope."""
+    t_s = np.concatenate([seen.t_s[seen.visible] for seen in visibilities])
+    index = np.repeat(np.arange(len(visibilities)), [np.count_nonzero(seen.visible) for seen in visibilities])
+    psi: Array = np.concatenate([seen.psi[seen.visible] for seen in visibilities])[np.lexsort((index, t_s))]
+    return psi
 
 
 def force_model(mission: Mission, ephemeris: Ephemeris) -> ForceModel:
@@ -127,13 +146,19 @@ def force_model(mission: Mission, ephemeris: Ephemeris) -> ForceModel:
     if mission.object.has_radiation:
         names = ("radius_m", "mass_kg", "albedo", "thermal_emission")
         radiation = RadiationPressure(**{name: value[name] for name in names})
+    plan = mission.force_model
     return ForceModel(
         ephemeris=ephemeris,
-        asteroids=mission.force_model.asteroids,
-        relativity=mission.force_model.relativity,
-        earth_oblateness=mission.force_model.earth_oblateness,
+        asteroids=plan.asteroids,
+        excluded=plan.excluded,
+        relativity=plan.relativity,
+        earth_oblateness=plan.earth_oblateness,
+        earth_harmonics=plan.earth_harmonics,
+        earth_pole=plan.earth_pole,
+        earth_shadow=plan.earth_shadow,
+        sun_oblateness=plan.sun_oblateness,
         radiation=radiation,
-        nongrav=Nongrav(**nongrav) if nongrav else None,
+        nongrav=Nongrav(**nongrav, **mission.object.nongrav_law) if nongrav else None,
         parameters=tuple(parameter.name for parameter in mission.free_parameters),
     )
 

@@ -150,13 +150,20 @@ def _physics(scene: Scene) -> dict[str, Any]:
     radiation: Any = False
     if mission.object.has_radiation:
         radiation = {name: values[name] for name in sphere} | {"solar_irradiance_w_m2": SOLAR_IRRADIANCE_W_M2}
+    plan, accelerations = mission.force_model, {name: value for name, value in values.items() if name not in sphere}
+    harmonics = {"earth_harmonics": plan.earth_harmonics, "earth_pole": plan.earth_pole}
     return {
         "ephemeris": scene.ephemeris.source,
-        "asteroids": mission.force_model.asteroids,
-        "relativity": mission.force_model.relativity,
-        "earth_oblateness": mission.force_model.earth_oblateness,
+        "asteroids": plan.asteroids,
+        "asteroids_excluded": list(plan.excluded),
+        "relativity": plan.relativity,
+        "earth_oblateness": plan.earth_oblateness,
+        **(harmonics if plan.earth_oblateness else {}),
+        "sun_oblateness": plan.sun_oblateness,
         "radiation_pressure": radiation,
-        "nongrav_au_d2": {name: value for name, value in values.items() if name not in sphere},
+        **({"earth_shadow": plan.earth_shadow} if radiation else {}),
+        "nongrav_au_d2": accelerations,
+        **({"nongrav_law": mission.object.nongrav_law} if accelerations else {}),
     }
 
 
@@ -172,7 +179,7 @@ def _assumptions(scene: Scene) -> list[str]:
 
 def _warnings(scene: Scene, fits: Sequence[Fit], findings: Findings) -> list[str]:
     """What a reader must know before trusting the numbers."""
-    said = []
+    said = list(scene.mission.notices)
     if any(fit.problem.n > LARGE for fit in fits):
         said.append(
             f"more than {LARGE:,} measurements: re-optimised remedies, required positions, curves and the worst "

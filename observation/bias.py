@@ -174,6 +174,9 @@ class ZoneBias:
     ----------
     sigma_rad : (2,) or one for both axes.
     zone_rad : side of a zone: declination bands of this height, cut into cells of about this width.
+    sky : (r, 2) directions, rad, by which the r measurements of these telescopes are given to zones. Fixed, as the
+        star catalogue of a measurement is: directions computed anew on an orbit that is being improved could cross a
+        border, and the parameters would change. By default those of the observation.
     """
 
     name: str
@@ -181,6 +184,7 @@ class ZoneBias:
     sigma_rad: Array | float
     zone_rad: float
     treatment: Treatment = "estimated"
+    sky: Array | None = None
 
     def __post_init__(self) -> None:
         check_treatment(self.name, self.treatment)
@@ -191,10 +195,13 @@ class ZoneBias:
     def term(self, observation: Observation, ephemeris: Ephemeris) -> Common:
         """H = I in the two columns of the row's zone; only zones that were visited have columns."""
         rows = observation.rows(self.telescopes)
-        band = np.floor((observation.psi[rows, 1] + np.pi / 2) / self.zone_rad)
+        sky = observation.psi[rows] if self.sky is None else self.sky
+        if len(sky) != rows.size:
+            raise InputError(f"{self.name}: {rows.size} measurements, and directions of {len(sky)}")
+        band = np.floor((sky[:, 1] + np.pi / 2) / self.zone_rad)
         middle = np.minimum((band + 0.5) * self.zone_rad, np.pi) - np.pi / 2
         cells = np.maximum(np.floor(2.0 * np.pi * np.cos(middle) / self.zone_rad), 1.0)
-        cell = np.floor(observation.psi[rows, 0] / (2.0 * np.pi) * cells)
+        cell = np.floor(sky[:, 0] / (2.0 * np.pi) * cells)
         zones, column = np.unique(np.stack([band, cell], axis=1), axis=0, return_inverse=True)
         H = np.zeros((observation.t_s.size, 2, 2 * len(zones)))
         for axis in range(2):

@@ -29,6 +29,7 @@ class Visibility:
     sun_angle_rad : (n,) to the Sun's centre; earth_limb_rad, moon_limb_rad : (n,) to the limb, negative on the disc.
     phase_rad : (n,) angle Sun - asteroid - telescope.
     apparent_magnitude : (n,) V without trailing loss, nan where no H, G were given.
+    psi : (n, 2) astrometric RA and Dec, rad.
     """
 
     t_s: Array
@@ -40,6 +41,7 @@ class Visibility:
     moon_limb_rad: Array
     phase_rad: Array
     apparent_magnitude: Array
+    psi: Array
 
     @property
     def counts(self) -> dict[str, int]:
@@ -115,6 +117,7 @@ def visibility(
         moon_limb_rad=moon_limb,
         phase_rad=phase,
         apparent_magnitude=V,
+        psi=line.psi,
     )
 
 

@@ -73,14 +73,9 @@ def _strict_float(item: Any) -> float:
     return float(item)
 
 
-Matrix = Annotated[
-    Array,
-    Parsed(
-        read_matrix,
-        {
-            "type": "array",
-            "description": "A square matrix, row by row",
-            "items": {"type": "array", "items": {"anyOf": [{"type": "number"}, {"type": "string"}]}},
-        },
-    ),
-]
+MATRIX_SCHEMA: dict[str, Any] = {
+    "type": "array",
+    "description": "A square matrix, row by row",
+    "items": {"type": "array", "items": {"anyOf": [{"type": "number"}, {"type": "string"}]}},
+}
+Matrix = Annotated[Array, Parsed(read_matrix, MATRIX_SCHEMA)]

@@ -64,7 +64,15 @@ class Explainer:
     def explain(self, error: ValidationError) -> list[Problem]:
         """All problems of a failed validation."""
         problems = []
-        for detail in error.errors(include_url=False, include_input=False)[:MOST_EXPLAINED]:
+        details = error.errors(include_url=False, include_input=False)[:MOST_EXPLAINED]
+        misspelt = {
+            (detail["loc"][:-1], near)
+            for detail in details
+            if detail["type"] == "extra_forbidden" and (near := _near_key(self.root, detail["loc"]))
+        }
+        for detail in details:
+            if detail["type"] == "missing" and (detail["loc"][:-1], detail["loc"][-1]) in misspelt:
+                continue  # one typing error is one problem, told at the key that stands there
             path, rest = self._path(detail["loc"])
             problems += self._explain_one(detail, path, rest)
         return problems
@@ -76,7 +84,9 @@ class Explainer:
         if kind == "missing":
             return [self.problem((*path, *rest[-1:]), "is missing; every block of this kind needs it")]
         if kind == "extra_forbidden":
-            return [self.problem(path, _unknown_key(str(path[-1]), _keys_at(self.root, detail["loc"][:-1])), key=True)]
+            near, known = _near_key(self.root, detail["loc"]), ", ".join(_keys_at(self.root, detail["loc"][:-1]))
+            hint = f'; did you mean "{near}"?' if near else ""
+            return [self.problem(path, f"unknown key (allowed here: {known}){hint}", key=True)]
         if kind == "union_tag_not_found":
             tag = context["discriminator"].strip("'")
             if not isinstance(self._value(path), dict):
@@ -150,11 +160,11 @@ class Explainer:
         return tuple(path), tuple(rest)
 
 
-def _unknown_key(key: str, known: list[str]) -> str:
-    """What may have been meant by a key that does not exist."""
-    near = get_close_matches(key[:40], known, 1, 0.6)
-    hint = f'; did you mean "{near[0]}"?' if near else ""
-    return f"unknown key (allowed here: {', '.join(known)}){hint}"
+def _near_key(root: type[BaseModel], location: tuple[int | str, ...]) -> str:
+    """What may have been meant by the unknown key at the end of a location; empty if nothing is near."""
+    by_lower = {key.lower(): key for key in _keys_at(root, location[:-1])}
+    near = get_close_matches(str(location[-1])[:40].lower(), by_lower, 1, 0.6)
+    return by_lower[near[0]] if near else ""
 
 
 def _choice(got: str, expected: str) -> str:

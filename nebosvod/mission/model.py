@@ -147,6 +147,20 @@ class Mission(Block):
         """Everything uncertain about the telescopes, in the order of the file."""
         return tuple(sources(self.telescopes, self.shared, self.object))
 
+    @property
+    def notices(self) -> tuple[str, ...]:
+        """What is said and not used: a sigma of something that every estimator, and the truth, holds fixed."""
+        free = {parameter.name for parameter in self.free_parameters}
+        held = [p.key for p in self.parameters if p.sigma is not None and p.name not in free]
+        held += [
+            source.name
+            for source in self.sources
+            if source.error.has_sigma
+            and all(self.source_treatment(estimator, source) == "fixed" for estimator in self.estimators)
+        ]
+        text = "is fixed: it has no error in this mission, in truth neither, and its sigma is not used"
+        return tuple(f"{name} {text} (ignored or considered would count it)" for name in held)
+
     def treatment(self, estimator: Estimator, group: str) -> Treatment:
         """What an estimator does with a group of dynamic parameters (`Parameter.group`)."""
         if group in estimator.treatment:

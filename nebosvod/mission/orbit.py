@@ -193,7 +193,10 @@ class SbdbCovariance(Printed):
     elements: Several[PrintedElement]
 
 
-_INVERSE_SQUARE = {"ALN": 1.0, "NK": 0.0, "NM": 2.0, "R0": 1.0}  # g(r) = (1 au/r)^2 in JPL's constants
+# constants of Marsden's g(r), by the keywords of the force model; of water ice: Marsden et al. 1973, table III
+INVERSE_SQUARE = {"alpha": 1.0, "r0_au": 1.0, "m": 2.0, "n": 5.093, "k": 0.0}
+WATER_ICE = {"alpha": 0.1112620426, "r0_au": 2.808, "m": 2.15, "n": 5.093, "k": 4.6142}
+_JPL_LAW = {"ALN": "alpha", "R0": "r0_au", "NM": "m", "NN": "n", "NK": "k"}  # as JPL names them
 _ELEMENT_NAMES = {"e": "e", "q": "q", "tp": "tp", "om": "node", "w": "peri", "i": "i"}
 
 
@@ -237,20 +240,24 @@ class SbdbOrbit(Block):
             return [(("covariance", "elements"), str(error))]
         if e < 0.0 or q <= 0.0:
             return [(("covariance", "elements"), f"are no orbit (got e {e:g}, q {q:g} km; allowed e >= 0, q > 0)")]
-        alien = [name for name in constants if name not in ("A1", "A2", "A3", *_INVERSE_SQUARE)]
+        alien = [name for name in constants if name not in ("A1", "A2", "A3", *_JPL_LAW)]
         if alien:
             return [(("model_pars",), f"this version does not have the force of {', '.join(alien)[:60]}")]
-        return self._law_complaints(constants)
-
-    @staticmethod
-    def _law_complaints(constants: dict[str, float]) -> list[tuple[KeyPath, str]]:
-        """A1..A3 must be meant with g = (1 au/r)^2; without the four constants JPL means the law of water ice."""
-        if not any(name in constants for name in ("A1", "A2", "A3")):
-            return []
-        if any(constants.get(name) != value for name, value in _INVERSE_SQUARE.items()):
-            text = "the non-gravitational model is not g = (1 au/r)^2, the only one this version has"
-            return [(("model_pars",), f"{text} (needs ALN 1, NK 0, NM 2, R0 1)")]
+        lacking = [name for name in ("ALN", "NK", "NM", "R0") if name not in constants]
+        if 0 < len(lacking) < 4:
+            return [(("model_pars",), f"lacks {', '.join(lacking)} of the law g(r) (needs ALN, NK, NM, R0, or none)")]
+        if not all(constants.get(name, 1.0) > 0.0 for name in ("ALN", "R0")):
+            return [(("model_pars",), "ALN and R0 of the law g(r) must be positive")]
         return []
+
+    @property
+    def law(self) -> dict[str, float] | None:
+        """Constants of g(r) of its A1..A3: those JPL prints, that of water ice where it prints none; None without A."""
+        printed = {p.name: p.number for p in self.model_pars}
+        if not any(name in printed for name in ("A1", "A2", "A3")):
+            return None
+        said = {key: printed[name] for name, key in _JPL_LAW.items() if name in printed}
+        return {**(INVERSE_SQUARE if said else WATER_ICE), **said}
 
     @property
     def epoch(self) -> Epoch:

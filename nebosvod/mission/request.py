@@ -219,13 +219,36 @@ class MonteCarlo(Block):
     runs: Annotated[int, Field(ge=1)]
 
 
+Perturber = Literal[
+    "camilla", "ceres", "cybele", "davida", "eunomia", "euphrosyne", "europa", "hygiea", "interamnia", "iris", "juno",
+    "pallas", "psyche", "sylvia", "thisbe", "vesta",
+]  # fmt: skip
+
+
 class ForcePlan(Block):
     """Which forces act, beside the Sun, planets, Moon, Pluto and what the object says of itself."""
 
-    asteroids: bool = True
-    relativity: Literal["sun", "eih", "none"] = "sun"
-    earth_oblateness: bool = True
+    asteroids: bool = Field(True, description="The attraction of sixteen large asteroids")
+    excluded: Several[Perturber] = Field((), description="Those of them that do not attract")
+    relativity: Literal["sun", "eih", "none"] = Field("sun", description="Of the Sun alone, or eih: of all planets")
+    earth_oblateness: bool = Field(True, description="Zonal harmonics of the Earth")
+    earth_harmonics: Literal[2, 3, 4] = Field(4, description="The highest of them")
+    earth_pole: Literal["date", "j2000"] = Field("date", description="With precession and nutation, or fixed")
+    earth_shadow: bool = Field(True, description="Whether the Earth's shadow interrupts radiation pressure")
+    sun_oblateness: bool = Field(True, description="J2 of the Sun")
     ephemeris: str | None = Field(None, description="An SPK file beside the mission, instead of the one found")
+
+    def complaints(self) -> list[tuple[KeyPath, str]]:
+        """A detail of a force that is off means nothing."""
+        found: list[tuple[KeyPath, str]] = []
+        if self.excluded and not self.asteroids:
+            found.append(
+                (("excluded",), "names asteroids, and none attracts with asteroids: false; remove one of them")
+            )
+        for key in ("earth_harmonics", "earth_pole"):
+            if key in self.model_fields_set and not self.earth_oblateness:
+                found.append(((key,), "means nothing with earth_oblateness: false; remove one of the two"))
+        return found
 
 
 class ReportPlan(Block):

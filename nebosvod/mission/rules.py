@@ -16,6 +16,7 @@ from nebosvod.mission.model import Mission
 from nebosvod.mission.orbit import SbdbOrbit
 from nebosvod.mission.request import FROM_A_PRIOR, OWN_GAIN, PARAMETER_GROUPS, Estimator, Prior, SkyPrediction
 from nebosvod.mission.sources import GROUPS
+from nebosvod.mission.spacecraft import Ground
 from nebosvod.mission.uncertainty import Position
 from nebosvod.timescale import Epoch
 from nebosvod.yamlfile import shown
@@ -32,11 +33,9 @@ def complaints(mission: Mission) -> list[Complaint]:
     if isinstance(mission, FitMission):
         return list(islice(chain(_stations(mission), _coverage(mission), prior), MAX_PROBLEMS + 1))
     # the rules of estimators ask what is in the prior
-    rules = (_estimator, _method)
+    plain, rules = (_references, _shared, _sites, _carried_covariances, _coverage), (_estimator, _method)
     overrides = [] if prior else (rule(mission, i, e) for i, e in enumerate(mission.estimators) for rule in rules)
-    return list(
-        islice(chain(_references(mission), _shared(mission), _coverage(mission), prior, *overrides), MAX_PROBLEMS + 1)
-    )
+    return list(islice(chain(*(rule(mission) for rule in plain), prior, *overrides), MAX_PROBLEMS + 1))
 
 
 def _stations(mission: FitMission) -> Iterator[Complaint]:
@@ -109,6 +108,32 @@ def _shared(mission: Mission) -> Iterator[Complaint]:
         if orbit_error and not strange and any(orbits[name] != orbits[whom[0]] for name in whom):
             text = "an orbit error belongs to one spacecraft, and these telescopes have different orbits"
             yield ("shared", i, "telescopes"), text
+
+
+def _sites(mission: Mission) -> Iterator[Complaint]:
+    """Observatory codes exist and stand on the ground; those of a file of one's own are looked up by a run."""
+    for i, telescope in enumerate(mission.telescopes):
+        orbit = telescope.orbit
+        if isinstance(orbit, Ground) and orbit.code is not None and orbit.file is None:
+            from nebosvod.observation import obscodes  # loads the stage, for missions that name a code only
+
+            if not obscodes.known(orbit.code):
+                yield ("telescopes", i, "orbit", "code"), obscodes.unknown(orbit.code)
+            elif obscodes.needs_position(orbit.code):
+                text = f"{obscodes.described(orbit.code)} has no fixed place; say its orbit"
+                yield ("telescopes", i, "orbit", "code"), text
+
+
+def _carried_covariances(mission: Mission) -> Iterator[Complaint]:
+    """`covariance: orbit` stands where the orbit comes from a file that can hold one."""
+    for source in mission.sources:
+        if isinstance(source.error, Position) and source.error.from_orbit:
+            kinds = {mission.telescope(name).orbit.kind for name in source.telescopes} - {"oem"}
+            if kinds:
+                text = (
+                    f"orbit means the covariance in the file of the orbit, and only kind oem has one (got {min(kinds)})"
+                )
+                yield (*source.path, "covariance"), text
 
 
 def _coverage(mission: Mission) -> Iterator[Complaint]:

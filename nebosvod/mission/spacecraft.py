@@ -132,24 +132,23 @@ class OemFile(Block):
 
 
 class Ground(Block):
-    """A site on the ground by the MPC's parallax constants, said here or looked up by code in the MPC's list."""
+    """A site on the ground by the MPC's observatory code, or by the parallax constants it stands for."""
 
     kind: Literal["ground"]
     longitude: Azimuth | None = Field(None, description="East longitude")
     rho_cos_phi: Annotated[float, Field(ge=0.0, le=1.01)] | None = None
     rho_sin_phi: Annotated[float, Field(ge=-1.01, le=1.01)] | None = None
     code: Text | None = Field(None, description="Observatory code, such as X05")
-    file: Text | None = Field(None, description="The MPC's obscodes_extended.json, beside the mission")
+    file: Text | None = Field(None, description="Another obscodes_extended.json of the MPC, beside the mission")
     extrapolate: bool = Field(False, description="Go on after the end of the Earth-rotation table, 0.5 m a day worse")
 
     def complaints(self) -> list[tuple[KeyPath, str]]:
-        """The three constants, or a code and the file it stands in."""
-        said = (self.longitude, self.rho_cos_phi, self.rho_sin_phi)
-        by_constants = all(item is not None for item in said)
-        by_code = self.code is not None and self.file is not None
-        mixed = any(item is not None for item in (said if by_code else (self.code, self.file)))
-        if by_constants == by_code or mixed:
-            return [((), "needs either longitude, rho_cos_phi and rho_sin_phi, or code and file")]
+        """A code, or the three constants."""
+        said = [item is not None for item in (self.longitude, self.rho_cos_phi, self.rho_sin_phi)]
+        by_code = self.code is not None and not any(said)
+        by_constants = all(said) and self.code is None and self.file is None
+        if not (by_code or by_constants):
+            return [((), "needs either code, or longitude, rho_cos_phi and rho_sin_phi")]
         return []
 
 

@@ -3,13 +3,14 @@
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import Discriminator, Field, Tag
 
 from nebosvod.mission.fields import (
     Acceleration,
     Block,
     KeyPath,
     PositiveAcceleration,
+    PositiveLength,
     Text,
     Treatment,
     Uncertain,
@@ -20,9 +21,19 @@ from nebosvod.mission.fields import (
     UncertainMass,
     UncertainRadius,
 )
-from nebosvod.mission.orbit import CometaryOrbit, EquinoctialOrbit, KeplerianOrbit, SbdbOrbit, StateOrbit
+from nebosvod.mission.orbit import (
+    INVERSE_SQUARE,
+    WATER_ICE,
+    CometaryOrbit,
+    EquinoctialOrbit,
+    KeplerianOrbit,
+    SbdbOrbit,
+    StateOrbit,
+)
 from nebosvod.mission.uncertainty import Photocentre
+from nebosvod.units import AU_KM
 
+Exponent = Annotated[float, Field(ge=0.0, le=20.0)]
 FOUR_THIRDS_PI = 4.1887902047863905
 Orbit = Annotated[
     CometaryOrbit | KeplerianOrbit | EquinoctialOrbit | StateOrbit | SbdbOrbit, Field(discriminator="kind")
@@ -49,13 +60,35 @@ class Residual(Block):
     treatment: Treatment
 
 
+class Law(Block):
+    """g(r) = alpha (r/r0)^-m [1 + (r/r0)^n]^-k (Marsden, Sekanina, Yeomans 1973)."""
+
+    alpha: Annotated[float, Field(gt=0.0, le=1e6)]
+    r0: PositiveLength
+    m: Exponent
+    n: Exponent = 5.093
+    k: Exponent
+
+    @property
+    def constants(self) -> dict[str, float]:
+        """Keywords of the force model."""
+        return {"alpha": self.alpha, "r0_au": self.r0 / AU_KM, "m": self.m, "n": self.n, "k": self.k}
+
+
+LawChoice = Annotated[
+    Annotated[Law, Tag("block")] | Annotated[Literal["inverse_square", "water_ice"], Tag("word")],
+    Discriminator(lambda value: "block" if isinstance(value, dict | Law) else "word"),
+]
+
+
 class Nongrav(Block):
-    """Marsden's A1 (radial), A2 (transverse), A3 (normal) with g = (1 au/r)^2."""
+    """Marsden's A1 (radial), A2 (transverse), A3 (normal), the accelerations where g(r) = 1."""
 
     A1: UncertainAcceleration | None = None
     A2: UncertainAcceleration | None = None
     A3: UncertainAcceleration | None = None
     a1_residual: Residual | None = None
+    law: LawChoice = Field("inverse_square", description="g(r): (1 au/r)^2, that of comets, or its constants")
 
     def complaints(self) -> list[tuple[KeyPath, str]]:
         """A1 and its residual exclude each other."""
@@ -152,15 +185,19 @@ class Target(Block):
         if absent:
             text = f"has {', '.join(absent)} but no value of it; paste model_pars too, or give object.nongrav"
             return [(("orbit", "covariance"), text)]
+        if "law" in nongrav.model_fields_set and isinstance(self.orbit, SbdbOrbit) and self.orbit.law is not None:
+            return [(("nongrav", "law"), "the orbit's model_pars say the law of its A1..A3; remove one of the two")]
         if not self.has_radiation:
             if nongrav.a1_residual is not None:
                 return [(("nongrav", "a1_residual"), "needs radius, mass and albedo; without them say A1")]
             return []
         one = "act through one combination, so at most one of them may lack a sigma"
         advice = "; remove radius, mass and albedo to run with A1, or replace A1 by a1_residual with a sigma"
-        if nongrav.A1 is not None:
+        like_radiation = self.nongrav_law["m"] == 2.0 and self.nongrav_law["k"] == 0.0
+        if nongrav.A1 is not None and like_radiation:
             return [(("nongrav", "A1"), "A1 repeats the radiation pressure of radius, mass and albedo" + advice)]
-        if isinstance(self.orbit, SbdbOrbit) and self.orbit.a1 is not None and nongrav.a1_residual is None:
+        from_orbit = isinstance(self.orbit, SbdbOrbit) and self.orbit.a1 is not None and nongrav.a1_residual is None
+        if from_orbit and like_radiation:
             return [(("orbit",), "the orbit carries A1, which repeats the radiation pressure of the body" + advice)]
         diffuse = [p.key for p in self.radiation_parameters if p.treatment == "estimated" and p.sigma is None]
         if len(diffuse) > 1:
@@ -224,6 +261,16 @@ class Target(Block):
                     )
                 )
         return tuple(found)
+
+    @property
+    def nongrav_law(self) -> dict[str, float]:
+        """Constants of g(r) by the keywords of the force model: alpha, r0_au, m, n, k."""
+        if isinstance(self.orbit, SbdbOrbit) and self.orbit.law is not None:
+            return self.orbit.law
+        said = self.nongrav.law if self.nongrav is not None else "inverse_square"
+        if isinstance(said, Law):
+            return said.constants
+        return dict(WATER_ICE if said == "water_ice" else INVERSE_SQUARE)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

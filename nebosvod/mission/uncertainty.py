@@ -1,15 +1,16 @@
 """What is uncertain about telescopes: biases, positions, clocks, the photocentre; each with its treatment."""
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from nebosvod.mission.covariance import Matrix
+from nebosvod.mission.covariance import MATRIX_SCHEMA, Array, read_matrix
 from nebosvod.mission.fields import (
     Angle,
     Block,
     KeyPath,
     Offset,
+    Parsed,
     PositiveAngle,
     PositiveAngleRate,
     PositiveDuration,
@@ -27,6 +28,16 @@ Pair = tuple[float, float]
 Complaint = tuple[KeyPath, str]
 ThreeLengths = Annotated[Several[PositiveLength], Field(min_length=3, max_length=3)]
 ThreeSpeeds = Annotated[Several[PositiveSpeed], Field(min_length=3, max_length=3)]
+
+
+def _matrix_or_orbit(value: Any) -> Array | Literal["orbit"]:
+    """A matrix, or the word for the one that came with the telescope's orbit."""
+    return "orbit" if value == "orbit" else read_matrix(value)
+
+
+OrbitCovariance = Annotated[
+    Array | Literal["orbit"], Parsed(_matrix_or_orbit, {"anyOf": [{"const": "orbit"}, MATRIX_SCHEMA]})
+]
 
 
 def one_or_pair(one: float | None, ra: float | None, dec: float | None) -> list[Complaint]:
@@ -116,7 +127,10 @@ class Position(Block):
     time: PositiveDuration | None = Field(None, description="Correlation time of gauss_markov")
     velocity_sigma: PositiveSpeed | None = Field(None, description="On every axis, of orbit_error")
     velocity_sigmas: ThreeSpeeds | None = Field(None, description="One for each axis, of orbit_error")
-    covariance: Matrix | None = Field(None, description="6 x 6 of the state, km and km/s, instead of sigmas")
+    covariance: OrbitCovariance | None = Field(
+        None,
+        description="6 x 6 of the state, km and km/s, instead of sigmas; orbit: the one in the telescope's OEM file",
+    )
     epoch: When | None = Field(None, description="Of the orbit_error; the reference epoch when absent")
     renewal: PositiveDuration | None = Field(None, description="The orbit is determined anew this often")
     frame: Literal["icrf", "rtn"] = "icrf"
@@ -130,7 +144,10 @@ class Position(Block):
         if self.covariance is not None:
             forms = ("sigma", "sigmas", "velocity_sigma", "velocity_sigmas")
             found += [((key,), "stands beside covariance; keep one") for key in forms if getattr(self, key) is not None]
-            if len(self.covariance) != 6:
+            if self.from_orbit:
+                if "frame" in self.model_fields_set:
+                    found.append((("frame",), "is said by the file of the orbit; remove it"))
+            elif len(self.covariance) != 6:
                 found.append((("covariance",), f"needs 6 rows (got {len(self.covariance)}): x y z vx vy vz"))
             return found
         if (self.sigma is None) == (self.sigmas is None):
@@ -140,9 +157,14 @@ class Position(Block):
         return found
 
     @property
+    def from_orbit(self) -> bool:
+        """Whether its covariance is the one that came with the telescope's orbit."""
+        return isinstance(self.covariance, str)
+
+    @property
     def sigma_km(self) -> tuple[float, float, float]:
-        """Sigma on the three axes of the frame, km."""
-        if self.covariance is not None:
+        """Sigma on the three axes of the frame, km; zero where it stands in the file of the orbit."""
+        if self.covariance is not None and not isinstance(self.covariance, str):
             return (self.covariance[0, 0] ** 0.5, self.covariance[1, 1] ** 0.5, self.covariance[2, 2] ** 0.5)
         if self.sigmas is not None:
             return (self.sigmas[0], self.sigmas[1], self.sigmas[2])

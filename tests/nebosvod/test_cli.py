@@ -50,6 +50,7 @@ def test_version_and_help(capsys: pytest.CaptureFixture[str]) -> None:
     for command in ("run", "check", "init", "missions", "report", "schema", "validate", "plan", "compare"):
         assert command in text
     assert "Exit codes" in text
+    assert "..." not in text.partition("Commands:")[2]  # no summary is cut
 
 
 @pytest.mark.parametrize(

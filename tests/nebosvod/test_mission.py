@@ -1,17 +1,24 @@
 """What a mission file means: units, short forms, inheritance, treatments, priors, cost."""
 
+import dataclasses
 import json
 import math
 import re
 import shutil
 import sys
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
 
+from nebosvod.dynamics import Ephemeris, ForceModel, Nongrav
+from nebosvod.dynamics.ephemeris import ASTEROIDS
+from nebosvod.dynamics.nongrav import WATER_ICE
 from nebosvod.errors import InputError
 from nebosvod.mission import Mission, estimate_cost, load_mission, load_mission_text, rules
+from nebosvod.mission.request import ForcePlan, Perturber
+from nebosvod.scene import force_model
 from nebosvod.timescale import Epoch
 from nebosvod.units import AU_KM
 
@@ -308,14 +315,12 @@ def test_an_sbdb_block_may_be_pasted_as_jpl_prints_it() -> None:
 @pytest.mark.parametrize(
     ("model", "words"),
     [
-        ([("A2", "-2.9E-14")], "the non-gravitational model is not g = (1 au/r)^2"),
-        ([*INVERSE_SQUARE[:-2], ("NM", "2.15"), ("R0", "1.")], "the non-gravitational model is not g = (1 au/r)^2"),
+        ([*INVERSE_SQUARE[:-2], ("R0", "1.")], "lacks NM of the law g(r) (needs ALN, NK, NM, R0, or none)"),
+        ([*INVERSE_SQUARE[:-1], ("R0", "0.")], "ALN and R0 of the law g(r) must be positive"),
         ([], "has A2 but no value of it"),
     ],
 )
-def test_a_pasted_orbit_with_another_or_no_law_of_its_forces_is_refused(
-    model: list[tuple[str, str]], words: str
-) -> None:
+def test_a_pasted_orbit_with_half_a_law_of_its_forces_is_refused(model: list[tuple[str, str]], words: str) -> None:
     assert words in refusal(*pasted(json.dumps([{"name": n, "value": v} for n, v in model])))
 
 
@@ -501,3 +506,80 @@ def test_the_filter_as_printed_considers_what_it_is_asked_to_estimate() -> None:
     assert got.source_treatment(printed, source["bias NEB-1"]) == "considered"
     assert got.source_treatment(printed, source["telescope position NEB-1"]) == "estimated"  # fresh at each measurement
     assert got.treatment(printed, "A2") == "fixed"
+
+
+def test_every_force_of_the_model_can_be_switched_from_the_mission() -> None:
+    """The keys are those of the force model; what the mission leaves out is the force model's own default."""
+    plan = "force_model: {asteroids: true, excluded: [ceres, vesta], relativity: eih, earth_harmonics: 2, "
+    plan += "earth_pole: j2000, earth_shadow: false, sun_oblateness: false}\npredictions:"
+    ephemeris = Ephemeris.load()
+    got = force_model(mission(("predictions:", plan)), ephemeris)
+    assert got.excluded == ("ceres", "vesta")
+    assert (got.relativity, got.earth_harmonics, got.earth_pole) == ("eih", 2, "j2000")
+    assert not got.earth_shadow
+    assert not got.sun_oblateness
+    plain, own = force_model(mission(), ephemeris), ForceModel(ephemeris=ephemeris)
+    for switch in ("asteroids", "excluded", "relativity", "earth_oblateness", "earth_harmonics", "earth_pole"):
+        assert getattr(plain, switch) == getattr(own, switch)
+    assert (plain.earth_shadow, plain.sun_oblateness) == (own.earth_shadow, own.sun_oblateness)
+    assert set(get_args(Perturber)) == set(ASTEROIDS)
+    assert set(ForcePlan.model_fields) - {"ephemeris"} == {
+        field.name for field in dataclasses.fields(ForceModel) if field.init
+    } - {"ephemeris", "radiation", "nongrav", "parameters"}
+
+
+@pytest.mark.parametrize(
+    ("plan", "words"),
+    [
+        ("asteroids: false, excluded: [ceres]", "force_model.excluded: names asteroids, and none attracts"),
+        ("excluded: [apophis]", "force_model.excluded[0]: is not one of the choices"),
+        ("earth_oblateness: false, earth_harmonics: 3", "earth_harmonics: means nothing with earth_oblateness: false"),
+        ("earth_oblateness: false, earth_pole: date", "earth_pole: means nothing with earth_oblateness: false"),
+        ("earth_harmonics: 5", "force_model.earth_harmonics: is not one of the choices"),
+    ],
+)
+def test_switches_that_mean_nothing_are_refused(plan: str, words: str) -> None:
+    assert words in refusal(("predictions:", f"force_model: {{{plan}}}\npredictions:"))
+
+
+def test_the_law_of_the_non_gravitational_force_is_that_of_yarkovsky_of_comets_or_ones_own() -> None:
+    def law(text: str) -> Nongrav | None:
+        edit = ("  nongrav:\n", f"  nongrav:\n    law: {text}\n")
+        return force_model(mission(edit), Ephemeris.load()).nongrav
+
+    assert law("inverse_square") == Nongrav(a2_au_d2=-2.901766637153165e-14)
+    assert law("water_ice") == Nongrav(a2_au_d2=-2.901766637153165e-14, **WATER_ICE)
+    own = law("{alpha: 0.5, r0: 2 au, m: 2.1, k: 3}")
+    assert own is not None
+    assert (own.alpha, own.r0_au, own.m, own.n, own.k) == (0.5, pytest.approx(2.0), 2.1, 5.093, 3.0)
+    # with another law A1 is a force of its own beside the radiation pressure; with the same one it repeats it
+    a1 = ("  nongrav:\n", "  nongrav:\n    law: water_ice\n    A1: {value: 1e-9 au/d^2, treatment: fixed}\n")
+    assert "a1_au_d2" in [p.name for p in mission(a1).parameters]
+    assert "A1 repeats the radiation pressure" in refusal((a1[0], a1[1].replace("    law: water_ice\n", "")))
+
+
+def test_a_pasted_orbit_brings_the_law_of_its_forces() -> None:
+    """JPL prints the constants, or none of them for the law of water ice."""
+    comet = pasted(json.dumps([{"name": "A2", "value": "-2.9E-11"}]))
+    assert mission(*comet).object.nongrav_law == dict(WATER_ICE)
+    printed = [("A2", "-2.9E-11"), ("ALN", ".04"), ("NK", "2.6"), ("NM", "2."), ("NN", "3."), ("R0", "5.")]
+    said = mission(*pasted(json.dumps([{"name": n, "value": v} for n, v in printed])))
+    assert said.object.nongrav_law == {"alpha": 0.04, "r0_au": 5.0, "m": 2.0, "n": 3.0, "k": 2.6}
+    twice = (*comet, ("  magnitude:", "  nongrav: {law: inverse_square}\n  magnitude:"))
+    assert "object.nongrav.law: the orbit's model_pars say the law of its A1..A3" in refusal(*twice)
+
+
+def test_a_sigma_of_something_fixed_is_not_dropped_in_silence() -> None:
+    assert mission().notices == ()
+    fixed = (
+        (RADIUS, RADIUS.replace("estimated", "fixed")),
+        (ALBEDO, "geometric_albedo: {value: 0.3, sigma: 0.05, treatment: fixed}"),
+    )
+    held = ("bias: {sigma: 0.05 arcsec, treatment: estimated}", "bias: {sigma: 0.05 arcsec, treatment: fixed}")
+    got = mission(*fixed, held)
+    assert [notice.split(" is fixed")[0] for notice in got.notices] == [
+        "radius", "geometric_albedo", "bias NEB-1", "bias NEB-2",
+    ]  # fmt: skip
+    assert all("its sigma is not used" in notice for notice in got.notices)
+    some = mission(*fixed[:1], ("method: recursive", "method: recursive, treatment: {radius: considered}"))
+    assert some.notices == ()  # one estimator counts it
