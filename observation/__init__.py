@@ -1,7 +1,9 @@
 """Where telescopes are, what they see of an asteroid, and everything that is uncertain about them."""
 
+from nebosvod.observation.ades import Residuals, write_psv, write_xml
 from nebosvod.observation.apparent import apparent_place
 from nebosvod.observation.astrometry import Observation, merge, observe
+from nebosvod.observation.astrometry_files import read_astrometry
 from nebosvod.observation.bias import ArcBias, BiasDrift, ConstantBias, GaussMarkovBias, ZoneBias
 from nebosvod.observation.clock import TimingOffset
 from nebosvod.observation.direction import ra_dec, residual
@@ -14,6 +16,7 @@ from nebosvod.observation.orbit_error import OrbitError
 from nebosvod.observation.photocentre import Photocentre
 from nebosvod.observation.photometry import apparent_magnitude
 from nebosvod.observation.position_error import ConstantPosition, GaussMarkovPosition, WhitePosition
+from nebosvod.observation.records import Astrometry
 from nebosvod.observation.sight import Sight, sight
 from nebosvod.observation.simulate import draw_noise, draw_truth, measure
 from nebosvod.observation.sites import GroundSite
@@ -26,6 +29,7 @@ from nebosvod.observation.visibility import Visibility, visibility
 
 __all__ = [
     "ArcBias",
+    "Astrometry",
     "BiasDrift",
     "ChebyshevOrbit",
     "Common",
@@ -46,6 +50,7 @@ __all__ = [
     "OemCovariance",
     "OrbitError",
     "Photocentre",
+    "Residuals",
     "Sight",
     "Spacecraft",
     "TabulatedOrbit",
@@ -64,6 +69,7 @@ __all__ = [
     "merge",
     "observe",
     "ra_dec",
+    "read_astrometry",
     "read_oem",
     "read_spk",
     "residual",
@@ -71,4 +77,6 @@ __all__ = [
     "sun_synchronous",
     "table",
     "visibility",
+    "write_psv",
+    "write_xml",
 ]

@@ -2,7 +2,7 @@
 
 import re
 from dataclasses import dataclass
-from xml.sax.saxutils import escape
+from html import escape
 
 import erfa
 import numpy as np
@@ -65,7 +65,7 @@ def write_xml(astrometry: Astrometry, residuals: Residuals | None = None) -> str
     """The observations as an ADES XML file; raises as `write_psv`."""
     lines = ['<?xml version="1.0" encoding="UTF-8"?>', '<ades version="2022">']
     for row in _rows(astrometry, residuals):
-        fields = (f"    <{name}>{escape(row[name])}</{name}>" for name in COLUMNS if row.get(name))
+        fields = (f"    <{name}>{escape(row[name], quote=False)}</{name}>" for name in COLUMNS if row.get(name))
         lines += ["  <optical>", *fields, "  </optical>"]
     return "\n".join([*lines, "</ades>"]) + "\n"
 
