@@ -19,7 +19,7 @@ from nebosvod.report.scale import Scale
 
 Array = npt.NDArray[np.float64]
 WIDTH = 440.0  # of a figure over the whole column; 10.5 px text then reads at 8.5 px on a phone and 15 px on a laptop
-CHARACTER = 5.7  # mean width of a character of axis text, px
+CHARACTER = 6.1  # mean width of a character of axis text, px
 MARKERS = {  # after the move to a point: shape, and whether it is filled by its stroke alone
     "o": "h0", "s": "h0", "^": "m0-2.3l2.1 3.9h-4.2z", "D": "m0-2.4l2.4 2.4-2.4 2.4-2.4-2.4z",
     "v": "m0 2.3l2.1-3.9h-4.2z", "P": "m-2.4 0h4.8m-2.4-2.4v4.8",
