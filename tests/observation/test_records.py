@@ -1,0 +1,55 @@
+"""The table of observations: choosing rows, joining files, what is repeated."""
+
+import numpy as np
+import pytest
+
+from nebosvod.errors import InputError
+from nebosvod.observation.astrometry_files import parse_astrometry
+from nebosvod.observation.records import Astrometry, joined
+from nebosvod.observation.source_file import SourceFile
+
+ROWS = {
+    "a": "3666|G96|2010-01-07T20:00:00Z|19.0|5.0",
+    "b": "433|703|2010-01-05T20:00:00Z|20.0|6.0",
+    "c": "3666|703|2010-01-06T20:00:00Z|21.0|7.0",
+}
+
+
+def table(names: str, file: str = "f") -> Astrometry:
+    text = "\n".join(["# version=2022", "permID|stn|obsTime|ra|dec", *(ROWS[name] for name in names)])
+    return parse_astrometry(SourceFile(file, text.encode()))
+
+
+def test_objects_and_stations_stand_once_in_the_order_of_the_file() -> None:
+    one = table("abc")
+    assert (one.objects, one.stations) == (("3666", "433"), ("G96", "703"))
+
+
+def test_rows_are_chosen_by_object_and_ordered_by_time() -> None:
+    one = table("abc").of("3666").by_time()
+    np.testing.assert_allclose(np.degrees(one.psi[:, 0]), [21.0, 19.0])
+    assert one.line.tolist() == [5, 3]
+    with pytest.raises(InputError, match=r"no observation of 99942 here \(there are: 3666, 433\)"):
+        table("abc").of("99942")
+
+
+def test_joined_files_count_their_times_from_the_earliest_epoch() -> None:
+    late, early = table("a"), table("b", "g")
+    both = joined([late, early])
+    assert both.epoch == early.epoch
+    assert both.path.tolist() == ["f", "g"]
+    # exactly two days apart in UTC; TDB - TT changes by microseconds
+    assert abs(both.t_s[0] - both.t_s[1] - 2 * 86400.0) < 1e-4
+    np.testing.assert_array_equal(both.t_s, joined([table("ab")]).t_s)
+
+
+def test_an_observation_in_two_files_is_kept_once() -> None:
+    both = joined([table("ab"), table("bc", "g")])
+    assert (both.line.tolist(), both.path.tolist()) == ([3, 4, 4], ["f", "f", "g"])
+    assert dict(both.left_out) == {"duplicate": 1}
+    assert both.notices == ("1 record was left out: the same as another one (second at g:3)",)
+
+
+def test_nothing_cannot_be_joined() -> None:
+    with pytest.raises(InputError, match="no observations to join"):
+        joined([])
