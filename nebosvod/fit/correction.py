@@ -193,7 +193,8 @@ def _damped(
             trial = _at(sky, point.x + fraction * step, forces, chosen, prior, point)
         except (EventError, CoverageError, InputError):
             trial = None
-        if trial is not None and trial.cost <= point.cost - ARMIJO * fraction * promised + ROUND_OFF * max(point.cost, 1.0):
+        bound = point.cost - ARMIJO * fraction * promised + ROUND_OFF * max(point.cost, 1.0)
+        if trial is not None and trial.cost <= bound:
             return trial
         fraction *= 0.5
     return None
