@@ -15,12 +15,11 @@ import numpy as np
 import numpy.typing as npt
 
 from nebosvod.dynamics import integrator
-from nebosvod.dynamics.compilation import kernel
 from nebosvod.dynamics.dense import StepTable, step_of, step_weights
 from nebosvod.dynamics.encounter import IMPACT_TIDE
-from nebosvod.dynamics.model import ForceModel, Physics
+from nebosvod.dynamics.model import ForceModel
 from nebosvod.dynamics.propagator import TOLERANCE, propagate
-from nebosvod.dynamics.workspace import Steps
+from nebosvod.dynamics.workspace import Samples
 from nebosvod.errors import EventError, InputError
 from nebosvod.timescale import Epoch
 
@@ -90,19 +89,22 @@ def propagate_many(
     sun = forces.ephemeris.state_km_km_s("sun", epoch, np.append(nominal.t_s, 0.0))
     state = np.full((len(starts), len(nominal.t_s), 6), np.nan)
     good = np.zeros(len(starts), dtype=np.bool_)
-    guides = nominal._table.guides(middle.physics(epoch))
+    physics = middle.physics(epoch)
+    guides = nominal._table.guides(physics)
 
     def fly(part: slice) -> None:
-        window, physics = nominal._table.window, middle.physics(epoch)
+        window, tide = nominal._table.window, np.zeros(part.stop - part.start)
         good[part] = True
         for leg, end_s in enumerate(nominal.span_s):
-            chosen = order.leg == leg
-            if chosen.any():
-                _fly(
-                    8, starts[part] + sun[-1], end_s, window.coefficients, window.layout, window.timing, physics,
-                    strengths[part], float(tolerance), *guides[leg], np.flatnonzero(chosen), order.step, order.weights,
-                    sun, state[part], good[part],
+            chosen = np.flatnonzero(order.leg == leg)
+            chosen = chosen[np.argsort(order.step[chosen], kind="stable")]
+            if chosen.size:
+                samples = Samples(chosen, order.step, order.weights, sun, state[part], tide)
+                integrator.integrate(
+                    8, starts[part] + sun[-1], strengths[part], end_s, window.coefficients, window.layout,
+                    window.timing, physics, NO_COLUMNS, False, float(tolerance), *guides[leg], samples,
                 )  # fmt: skip
+                good[part] &= tide <= IMPACT_TIDE
 
     count = threads or os.cpu_count() or 1
     edges = np.linspace(0, len(starts), min(len(starts), 4 * count) + 1).astype(int)
@@ -171,36 +173,7 @@ def _strengths(forces: ForceModel, epoch: Epoch, values: Array | None, count: in
     rows = np.empty((count, 4))
     for k in range(count if values is not None else 1):
         physics = (forces if values is None else _with(forces, values[k])).physics(epoch)
-        rows[k, 0], rows[k, 1:] = physics.radiation_strength, physics.nongrav_strength
+        rows[k] = physics.strength
     if values is None:
         rows[:] = rows[0]
     return rows
-
-
-@kernel
-def _fly(
-    n: int, starts: Array, end_s: float, coefficients: Array, layout: Integers, timing: Array, p: Physics,
-    strengths: Array, tolerance: float, guide: Steps, nodes: Array, chosen: Integers, step: Integers, weights: Array,
-    sun: Array, states: Array, good: npt.NDArray[np.bool_],
-) -> None:  # fmt: skip
-    """Fill `states` (k, times, 6) at the chosen times of one leg; good[k] becomes False for a clone off the grid."""
-    for k in range(starts.shape[0]):
-        for i in range(3):
-            p.nongrav_strength[i] = strengths[k, 1 + i]
-        status, steps = integrator.integrate(
-            n, starts[k], end_s, coefficients, layout, timing, p, strengths[k, 0], NO_COLUMNS, False, tolerance,
-            guide, nodes,
-        )  # fmt: skip
-        if status != integrator.OK or steps.tide.max() > IMPACT_TIDE:
-            good[k] = False
-            continue
-        for e in chosen:
-            j = step[e]
-            for i in range(3):
-                q, r = 0.0, 0.0
-                for l in range(8):
-                    q += weights[e, l] * steps.acceleration[j, 8 * i + l]
-                    r += weights[e, 8 + l] * steps.acceleration[j, 8 * i + l]
-                moved = weights[e, 16] * steps.state[j, 3 + i] + r
-                states[k, e, i] = steps.state[j, i] + moved - sun[e, i]
-                states[k, e, 3 + i] = steps.state[j, 3 + i] + q - sun[e, 3 + i]

@@ -60,16 +60,19 @@ def join(
     backward: Steps | None, forward: Steps | None, window: Window, count: int, nodes: list[Array] | None = None
 ) -> StepTable:
     """Put the steps of a backward and a forward integration from t = 0 into one ascending table."""
-    parts = []
-    if backward is not None:
-        parts.append(Steps(*(np.ascontiguousarray(field[::-1]) for field in backward)))
-    if forward is not None:
-        parts.append(forward)
-    merged = parts[0] if len(parts) == 1 else Steps(*(np.concatenate(fields) for fields in zip(*parts)))
-    low = np.where(merged.length > 0.0, merged.start, merged.start + merged.length)
-    last = merged.start[-1] + max(merged.length[-1], 0.0)
+    if backward is None and forward is not None:
+        merged, behind = forward, 0
+    else:
+        parts = [Steps(*(np.ascontiguousarray(field[::-1]) for field in backward or NO_STEPS))]
+        behind = len(parts[0].start)
+        parts += [] if forward is None else [forward]
+        merged = parts[0] if len(parts) == 1 else Steps(*(np.concatenate(fields) for fields in zip(*parts)))
+    edges = np.empty(len(merged.start) + 1)
+    edges[:-1] = merged.start
+    edges[:behind] += merged.length[:behind]  # a backward step ends at its lower edge
+    edges[-1] = merged.start[-1] + max(float(merged.length[-1]), 0.0)
     return StepTable(
-        edges=np.append(low, last),
+        edges=edges,
         steps=merged,
         window=window,
         count=count,

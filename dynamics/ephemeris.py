@@ -40,6 +40,7 @@ ASTEROID_NUMBERS = MappingProxyType(
     }
 )  # fmt: skip
 ASTEROIDS = tuple(ASTEROID_NUMBERS)
+MOST_ORDERS = 16  # of a record, the size of the kernels' table; DE440, DE441 and their asteroids have 14 at most
 # Above so many times loading the compiler (0.5 s) pays even where nothing else has loaded it
 COMPILE_ABOVE = 1_000_000
 # (center, target) of the series behind each place; Earth's is the Earth-Moon barycentre, the Moon's is relative to it
@@ -54,7 +55,7 @@ class Window:
     ----------
     coefficients : flat, km; record by record, within a record order by order, within an order x, y, z.
     layout : shape (bodies, 3) int64: offset of the first coefficient, orders of a record (padded with zeros to a
-        multiple of four, which is how the kernels add them), number of records.
+        multiple of eight, which is how the kernels add them), number of records.
     timing : shape (bodies, 2): start of the first record in TDB seconds after the epoch, length of a record in s.
     start_s, end_s : the arc these records cover, seconds after the epoch.
     """
@@ -86,6 +87,7 @@ class Ephemeris:
     _series: tuple[Series, ...]
     _windows: dict[tuple[bool, float, float], list[Window]] = field(default_factory=dict, repr=False)
     _coverage: dict[bool, tuple[Epoch, Epoch]] = field(default_factory=dict, repr=False)
+    _suns: dict[tuple[float, float], Array] = field(default_factory=dict, repr=False)
 
     @classmethod
     def load(cls, path: str | Path | None = None, asteroids_path: str | Path | None = None) -> "Ephemeris":
@@ -147,10 +149,12 @@ class Ephemeris:
         CoverageError
             Naming the first time outside, the span, and what to install.
         """
+        first, last = self.coverage(asteroids=asteroids)
+        if isinstance(t_s, float) and first - epoch <= t_s <= last - epoch:
+            return
         times = np.atleast_1d(np.asarray(t_s, dtype=np.float64)).ravel()
         if not times.size:
             return
-        first, last = self.coverage(asteroids=asteroids)
         if times.min() >= first - epoch and times.max() <= last - epoch:
             return
         outside = ~((times >= first - epoch) & (times <= last - epoch))
@@ -207,6 +211,17 @@ class Ephemeris:
         if body not in PLANETS:
             raise InputError(f'unknown body "{body}"; known: {", ".join((*PLANETS, "emb", *ASTEROIDS))}')
         return _evaluate(self._series[PLANETS.index(body)], epoch, times)
+
+    def sun_at(self, epoch: Epoch) -> Array:
+        """Barycentric state of the Sun at one epoch, shape (6,), read-only; kept for the next call."""
+        key = (epoch.day, epoch.fraction)
+        if key not in self._suns:
+            if len(self._suns) > 16:
+                self._suns.clear()
+            state = self.state_km_km_s("sun", epoch, 0.0)[0]
+            state.flags.writeable = False
+            self._suns[key] = state
+        return self._suns[key]
 
     def window(self, epoch: Epoch, start_s: float, end_s: float, *, asteroids: bool) -> Window:
         """Cut the coefficients of all bodies to an arc; the last few windows are kept, so that repeats are free.
@@ -274,11 +289,15 @@ def _cut(series: tuple[Series, ...], epoch: Epoch, start_s: float, end_s: float)
     pad_s = 32.0 * DAY_S
     pieces, layout, timing, offset = [], [], [], 0
     for body in series:
+        if body.order > MOST_ORDERS:
+            raise DataError(
+                f"an ephemeris with {body.order} coefficients a record (allowed: {MOST_ORDERS}) is not DE440"
+            )
         first_day = body.first_day + (J2000_JD - epoch.day) - epoch.fraction
         first = int(((start_s - pad_s) / DAY_S - first_day) // body.record_days)
         last = int(((end_s + pad_s) / DAY_S - first_day) // body.record_days) + 1
         first, last = max(first, 0), min(last, len(body.records))
-        padded = np.pad(body.coefficients(first, last), ((0, 0), (0, -body.order % 4), (0, 0)))
+        padded = np.pad(body.coefficients(first, last), ((0, 0), (0, -body.order % 8), (0, 0)))
         pieces.append(padded.ravel())
         layout.append((offset, padded.shape[1], last - first))
         exact_day = body.first_day + (J2000_JD - epoch.day) + first * body.record_days

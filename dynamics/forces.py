@@ -127,8 +127,8 @@ def earth_pole(of_date: bool, centuries: float, pole: Array) -> None:
     """Celestial intermediate pole (3,) in ICRF, or the pole of J2000 = (0, 0, 1) when not `of_date`.
 
     Precession X, Y of IAU 2006 (Capitaine et al. 2003, eq. 49) and the four largest terms of nutation (IAU 1980,
-    Seidelmann 1982: 18.6 and 9.3 years, half a year, half a month; what is left is below 0.25 arcsec). `centuries` are
-    Julian centuries of TDB after J2000.
+    Seidelmann 1982: 18.6 and 9.3 years by the double angle, half a year, half a month; what is left is below
+    0.25 arcsec). `centuries` are Julian centuries of TDB after J2000.
     """
     if not of_date:
         pole[0], pole[1], pole[2] = 0.0, 0.0, 1.0
@@ -136,8 +136,9 @@ def earth_pole(of_date: bool, centuries: float, pole: Array) -> None:
     arcsec = 4.848136811095360e-6
     t = centuries
     node, sun2, moon2 = 2.18243920 - 33.7570460 * t, 3.50694 + 1256.66393 * t, 7.62068 + 16799.41822 * t
-    longitude = -17.1996 * np.sin(node) - 1.3187 * np.sin(sun2) - 0.2274 * np.sin(moon2) + 0.2062 * np.sin(2.0 * node)
-    obliquity = 9.2025 * np.cos(node) + 0.5736 * np.cos(sun2) + 0.0977 * np.cos(moon2) - 0.0895 * np.cos(2.0 * node)
+    s, c = np.sin(node), np.cos(node)
+    longitude = (-17.1996 + 0.4124 * c) * s - 1.3187 * np.sin(sun2) - 0.2274 * np.sin(moon2)
+    obliquity = 0.0895 + (9.2025 - 0.1790 * c) * c + 0.5736 * np.cos(sun2) + 0.0977 * np.cos(moon2)
     x = (-0.016617 + (2004.191898 + (-0.4297829 - 0.19861834 * t) * t) * t + 0.397777156 * longitude) * arcsec
     y = (-0.006951 + (-0.025896 + (-22.4072747 + 0.00190059 * t) * t) * t + obliquity) * arcsec
     pole[0] = x

@@ -13,17 +13,9 @@ from nebosvod.dynamics.chebyshev import bodies_at, major_velocities_at, velocity
 from nebosvod.dynamics.collocation import A_FLAT, AA_FLAT, BARYCENTRIC, LAST_ROW, NODES, POSITION_WEIGHTS, WEIGHTS
 from nebosvod.dynamics.compilation import inlined_kernel, is_compiled, kernel
 from nebosvod.dynamics.expansion import expand_bodies, expanded_field, largest_shift, sun_gradient, sun_tide
-from nebosvod.dynamics.forces import (
-    earth_pole,
-    expand,
-    near,
-    point_masses,
-    point_masses_gradient,
-    zonal_harmonics,
-    zonal_harmonics_gradient,
-)
+from nebosvod.dynamics.forces import earth_pole, expand, near, zonal_harmonics, zonal_harmonics_gradient
 from nebosvod.dynamics.model import Physics
-from nebosvod.dynamics.nongrav import nongrav, nongrav_gradient
+from nebosvod.dynamics.nongrav import law_factors, nongrav, nongrav_gradient
 from nebosvod.dynamics.radiation import radiation, radiation_gradient, shade, shade_gradient
 from nebosvod.dynamics.relativity import (
     MAJOR,
@@ -33,7 +25,7 @@ from nebosvod.dynamics.relativity import (
     sun_relativity,
     sun_relativity_gradient,
 )
-from nebosvod.dynamics.workspace import Steps, Work, make_steps, make_work, resized
+from nebosvod.dynamics.workspace import Samples, Steps, Work, make_steps, make_work, resized
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
@@ -47,20 +39,7 @@ SUN, EARTH = 0, 3
 
 
 @inlined_kernel
-def acceleration(n: int, w: Work, p: Physics, A: Array) -> None:
-    """Sum of all forces at w.X, w.V; the bodies are in w.P."""
-    for i in range(24):
-        A[i] = 0.0
-    for l in range(8):
-        w.tide[l] = 0.0
-    point_masses(n, w.X, w.P, p.gm, A, w.tide)
-    if p.earth_range > 0.0 and near(p.earth_range, n, w.X, w.P, EARTH):
-        zonal_harmonics(n, w.X, w.P, EARTH, p.gm[EARTH], p.earth_zonal, w.pole, A)
-    add_small_forces(n, w, p, p.radiation_strength, A)
-
-
-@inlined_kernel
-def add_small_forces(n: int, w: Work, p: Physics, sunlight: float, A: Array) -> None:
+def add_small_forces(n: int, w: Work, p: Physics, A: Array) -> None:
     """Add what is neither a point mass nor the figure of the Earth: evaluated in every sweep, at w.X, w.V."""
     if p.sun_oblate:
         zonal_harmonics(n, w.X, w.P, SUN, p.gm[SUN], p.sun_zonal, p.sun_pole, A)
@@ -69,11 +48,12 @@ def add_small_forces(n: int, w: Work, p: Physics, sunlight: float, A: Array) -> 
     elif p.relativity == 2:
         eih(n, w.X, w.V, w.P, w.W, w.WA, w.U, p.gm, p.c2, w.Q, A)
     if p.radiation_on:
-        radiation(n, w.X, w.P, sunlight, A)
+        radiation(n, w.X, w.P, w.strength[0], A)
         if p.shadow_range > 0.0 and near(p.shadow_range, n, w.X, w.P, EARTH):
-            shade(n, w.X, w.P, sunlight, A)
+            shade(n, w.X, w.P, w.strength[0], A)
     if p.nongrav_on:
-        nongrav(n, w.X, w.V, w.P, w.VS, p.nongrav_strength, p.nongrav_law, A)
+        law_factors(n, w.X, w.P, p.nongrav_law, w.law)
+        nongrav(n, w.X, w.V, w.P, w.VS, w.strength[1:], w.law, A)
 
 
 @inlined_kernel
@@ -89,49 +69,38 @@ def expand_here(n: int, w: Work, p: Physics) -> None:
 
 
 @inlined_kernel
-def jacobian(n: int, w: Work, p: Physics) -> None:
-    """dA/dX, dA/dV and dA/d(parameters) at w.X, w.V, into w.G, w.K, w.F."""
-    for i in range(48):
-        w.S[i] = 0.0
-    point_masses_gradient(n, w.X, w.P, p.gm, w.S)
-    if p.earth_range > 0.0 and near(p.earth_range, n, w.X, w.P, EARTH):
-        zonal_harmonics_gradient(n, w.X, w.P, EARTH, p.gm[EARTH], p.earth_zonal, w.pole, w.S)
-    add_small_gradients(n, w, p, p.radiation_strength)
+def expanded_jacobian(n: int, w: Work, p: Physics) -> None:
+    """dA/dX, dA/dV and dA/d(parameters) after `solve_state`, at w.X, w.V, into w.G, w.K, w.F.
 
-
-@inlined_kernel
-def expanded_jacobian(n: int, w: Work, p: Physics, sunlight: float) -> None:
-    """The same after `solve_state`: the bodies but the Sun from the gradient that the expansion has summed.
-
-    Its own change over the shift from X0, 15 GM/r^4 |X - X0|, must vanish beside the Sun's gradient; else it is
-    expanded anew.
+    The bodies but the Sun come from the gradient that the expansion has summed. Its own change over the shift from X0,
+    15 GM/r^4 |X - X0|, must vanish beside the Sun's gradient; else it is expanded anew.
     """
     if 15.0 * largest(w.bend) * largest_shift(n, w.X, w.X0) > 1e-13 * largest(w.tide):
         expand_here(n, w, p)
     for i in range(48):
         w.S[i] = w.S0[i]
     sun_gradient(n, w.X, w.P, p.gm[SUN], w.S)
-    add_small_gradients(n, w, p, sunlight)
+    add_small_gradients(n, w, p)
 
 
 @inlined_kernel
-def add_small_gradients(n: int, w: Work, p: Physics, sunlight: float) -> None:
+def add_small_gradients(n: int, w: Work, p: Physics) -> None:
     """Add the gradients of `add_small_forces` to those of the point masses in w.S."""
     for i in range(72):
         w.K[i] = 0.0
     if p.sun_oblate:
         zonal_harmonics_gradient(n, w.X, w.P, SUN, p.gm[SUN], p.sun_zonal, p.sun_pole, w.S)
     if p.radiation_on:
-        radiation_gradient(n, w.X, w.P, sunlight, p.radiation_unit, w.S, w.F[:24])
+        radiation_gradient(n, w.X, w.P, w.strength[0], p.radiation_unit, w.S, w.F[:24])
     expand(n, w.S, w.G)
     if p.relativity == 1:
         sun_relativity_gradient(n, w.X, w.V, w.P, w.VS, p.gm[SUN], p.c2, w.G, w.K)
     elif p.relativity == 2:
         eih_gradient(n, w.X, w.V, w.P, w.W, w.WA, w.U, p.gm, p.c2, w.Q, w.G, w.K)
     if p.radiation_on and p.shadow_range > 0.0 and near(p.shadow_range, n, w.X, w.P, EARTH):
-        shade_gradient(n, w.X, w.P, sunlight, p.radiation_unit, w.G, w.F[:24])
+        shade_gradient(n, w.X, w.P, w.strength[0], p.radiation_unit, w.G, w.F[:24])
     if p.nongrav_on:
-        nongrav_gradient(n, w.X, w.V, w.P, w.VS, p.nongrav_strength, p.nongrav_law, p.nongrav_unit, w.G, w.K, w.F[24:])
+        nongrav_gradient(n, w.X, w.V, w.P, w.VS, w.strength[1:], w.law, p.nongrav_unit, w.G, w.K, w.F[24:])
 
 
 @kernel
@@ -166,8 +135,13 @@ def weigh(n: int, M: Array, a: Array, rows: int, scale: float, out: Array) -> No
 
 
 @kernel
-def extrapolation(ratio: float, E: Array) -> None:
-    """E[j, i]: Lagrange polynomial j of the last nodes at the new node i; ratio = new over last step length."""
+def extrapolation(h: float, h_before: float, E: Array) -> None:
+    """E[j, i]: Lagrange polynomial j of the last nodes at the new node i; zero after no step."""
+    if h_before == 0.0:
+        for i in range(64):
+            E[i] = 0.0
+        return
+    ratio = h / h_before
     for i in range(8):
         x = 1.0 + ratio * NODES[i]
         product = 1.0
@@ -220,14 +194,17 @@ def keep_nodes(w: Work, row: Array) -> None:
 
 
 @inlined_kernel
-def recall_nodes(w: Work, row: Array, velocities: bool) -> None:
-    """The other way round; the velocities and fields of the major bodies only if they are needed (EIH)."""
+def recall_nodes(n: int, w: Work, row: Array, velocities: bool) -> None:
+    """The other way round; the velocities and fields of the major bodies only if they are needed (EIH).
+
+    The trip count 3 n and not 24: a constant is unrolled into single moves (0.3 us a step).
+    """
     bodies, k = w.P.shape[0], np.uint64(0)
     for b in range(bodies):
-        for i in range(24):
+        for i in range(3 * n):
             w.P[b, i] = row[k + np.uint64(i)]
         k += np.uint64(24)
-    for i in range(24):
+    for i in range(3 * n):
         w.VS[i] = row[k + np.uint64(i)]
     for i in range(3):
         w.pole[i] = row[k + np.uint64(24 + i)]
@@ -253,35 +230,27 @@ def tabulate_nodes(
 
 
 @inlined_kernel
-def follow_guide(w: Work, p: Physics, guide: Steps, nodes: Array, k: int) -> None:
-    """Set up step k of a guide: bodies at its nodes, its accelerations as the first guess."""
-    recall_nodes(w, nodes[k], p.relativity == 2)
-    for i in range(24):
+def follow_guide(n: int, w: Work, p: Physics, guide: Steps, nodes: Array, k: int) -> float:
+    """Set up step k of a guide: bodies at its nodes, its accelerations as the first guess; returns its length."""
+    recall_nodes(n, w, nodes[k], p.relativity == 2)
+    for i in range(3 * n):
         w.known[i] = guide.acceleration[k, i]
     if guide.variation_acceleration.shape[1] == w.D.shape[0]:
         for i in range(w.D.shape[0]):
             w.D_known[i] = guide.variation_acceleration[k, i]
+    return float(guide.length[k])
 
 
 @inlined_kernel
-def solve_state(
-    n: int, w: Work, p: Physics, sunlight: float, x: Array, v: Array, h: float, first: bool
-) -> tuple[bool, float, float]:
+def solve_state(n: int, w: Work, p: Physics, x: Array, v: Array, h: float) -> tuple[bool, float, float]:
     """Iterate the stage accelerations w.A to round-off.
 
     Returns whether they converged, their round-off floor relative to their size (near a perturber the rounding of the
     position is amplified by GM/r^3: without it the step control would chase noise), and their size.
     """
-    if first:
-        for i in range(8):
-            for k in range(3):
-                w.X[8 * k + i] = x[k] + h * NODES[i] * v[k]
-                w.V[8 * k + i] = v[k]
-        acceleration(n, w, p, w.A)
-    else:
-        weigh(n, w.extrapolation, w.before, 3, 1.0, w.A)
-        for i in range(24):
-            w.A[i] += w.known[i]
+    weigh(n, w.extrapolation, w.before, 3, 1.0, w.A)
+    for i in range(3 * n):
+        w.A[i] += w.known[i]
     last, noise, size, reach = 1e300, 0.0, 1.0, -1.0
     for sweep in range(14):
         weigh(n, AA_FLAT, w.A, 3, h * h, w.X)
@@ -294,7 +263,7 @@ def solve_state(
             expand_here(n, w, p)
             reach = np.sqrt(0.02 * EPSILON * size_of(w.A) / largest(w.bend))
         expanded_field(n, w.X, w.X0, w.R0, w.S0, w.P, p.gm[SUN], w.B)
-        add_small_forces(n, w, p, sunlight, w.B)
+        add_small_forces(n, w, p, w.B)
         change, size = 0.0, 0.0
         for i in range(24):
             change = max(change, abs(w.B[i] - w.A[i]))
@@ -341,16 +310,12 @@ def variational(n: int, columns: Integers, px: Array, pv: Array, h: float, w: Wo
 
 
 @inlined_kernel
-def solve_variations(n: int, w: Work, columns: Integers, px: Array, pv: Array, h: float, first: bool) -> None:
+def solve_variations(n: int, w: Work, columns: Integers, px: Array, pv: Array, h: float) -> None:
     """Iterate the accelerations w.D of all variation columns to round-off; the Jacobians are those of the state."""
     count = 6 + columns.shape[0]
-    if first:
-        for i in range(24 * count):
-            w.D[i] = 0.0
-    else:
-        weigh(n, w.extrapolation, w.D_before, 3 * count, 1.0, w.D)
-        for i in range(24 * count):
-            w.D[i] += w.D_known[i]
+    weigh(n, w.extrapolation, w.D_before, 3 * count, 1.0, w.D)
+    for i in range(24 * count):
+        w.D[i] += w.D_known[i]
     last = 1e300
     for sweep in range(14):
         weigh(n, AA_FLAT, w.D, 3 * count, h * h, w.DX)
@@ -380,7 +345,7 @@ def add_compensated(x: Array, lost: Array, k: int, term: float) -> None:
 
 
 @inlined_kernel
-def advance(w: Work, x: Array, v: Array, lost_x: Array, lost_v: Array, h: float) -> None:
+def advance(n: int, w: Work, x: Array, v: Array, lost_x: Array, lost_v: Array, h: float) -> None:
     """Move the state to the end of the step."""
     for k in range(3):
         s, q = 0.0, 0.0
@@ -389,7 +354,7 @@ def advance(w: Work, x: Array, v: Array, lost_x: Array, lost_v: Array, h: float)
             q += WEIGHTS[i] * w.A[8 * k + i]
         add_compensated(x, lost_x, k, h * v[k] + h * h * s + h * lost_v[k])
         add_compensated(v, lost_v, k, h * q)
-    for i in range(24):
+    for i in range(3 * n):
         w.before[i] = w.A[i] - w.known[i]
 
 
@@ -429,13 +394,20 @@ def first_step(w: Work, p: Physics, x: Array, tolerance: float) -> float:
     return float(min(LARGEST_STEP_S, 0.25 * shortest * (tolerance / 1e-11) ** (1.0 / 7.0)))
 
 
+@kernel
+def next_step(h: float, error: float, limit: float) -> float:
+    """The length after an accepted step: the error goes with the seventh power."""
+    growth = 2.0 if error == 0.0 else 0.9 * (limit / error) ** (1.0 / 7.0)
+    return float(np.copysign(min(LARGEST_STEP_S, abs(h) * min(2.0, max(0.3, growth))), h))
+
+
 @inlined_kernel
-def store(s: Steps, k: int, t: float, h: float, x: Array, v: Array, px: Array, pv: Array, w: Work) -> None:
+def store(n: int, s: Steps, k: int, t: float, h: float, x: Array, v: Array, px: Array, pv: Array, w: Work) -> None:
     """Write step k."""
     s.start[k], s.length[k], s.tide[k] = t, h, largest(w.tide)
     for i in range(3):
         s.state[k, i], s.state[k, 3 + i] = x[i], v[i]
-    for i in range(24):
+    for i in range(3 * n):
         s.acceleration[k, i] = w.A[i]
     rows = px.shape[0]
     for i in range(rows):
@@ -445,80 +417,142 @@ def store(s: Steps, k: int, t: float, h: float, x: Array, v: Array, px: Array, p
 
 
 @kernel
+def begin(starts: Array, px: Array, pv: Array) -> Array:
+    """What is known of each orbit, shape (k, 36): its start, no rounding lost, no accelerations; Phi = I, zeta = 0."""
+    orbits = np.zeros((starts.shape[0], 36))
+    for o in range(starts.shape[0]):
+        for i in range(6):
+            orbits[o, i] = starts[o, i]
+    for i in range(min(3, px.shape[0])):
+        px[4 * i], pv[9 + 4 * i] = 1.0, 1.0
+    return orbits
+
+
+@inlined_kernel
+def take_up(n: int, w: Work, orbit: Array, strength: Array, x: Array, v: Array, lost_x: Array, lost_v: Array) -> None:
+    """Put what is known of one orbit, a row of `orbits`, where a step works."""
+    for i in range(4):
+        w.strength[i] = strength[i]
+    for i in range(3):
+        x[i], v[i], lost_x[i], lost_v[i] = orbit[i], orbit[3 + i], orbit[6 + i], orbit[9 + i]
+    for i in range(3 * n):
+        w.before[i] = orbit[12 + i]
+
+
+@inlined_kernel
+def put_down(n: int, w: Work, orbit: Array, x: Array, v: Array, lost_x: Array, lost_v: Array) -> None:
+    """The other way round, after the step."""
+    for i in range(3):
+        orbit[i], orbit[3 + i], orbit[6 + i], orbit[9 + i] = x[i], v[i], lost_x[i], lost_v[i]
+    for i in range(3 * n):
+        orbit[12 + i] = w.before[i]
+
+
+@inlined_kernel
+def sample(o: int, taken: int, first: int, w: Work, x: Array, v: Array, samples: Samples) -> int:
+    """States of orbit o at the times, from the first, that lie in the step in hand; returns the first that does not."""
+    if samples.tide.shape[0] == 0:
+        return first
+    while first < samples.chosen.shape[0] and samples.step[samples.chosen[first]] == taken:
+        e = samples.chosen[first]
+        for i in range(3):
+            q, r = 0.0, 0.0
+            for l in range(8):
+                q += samples.weights[e, l] * w.A[8 * i + l]
+                r += samples.weights[e, 8 + l] * w.A[8 * i + l]
+            samples.states[o, e, i] = x[i] + (samples.weights[e, 16] * v[i] + r) - samples.sun[e, i]
+            samples.states[o, e, 3 + i] = v[i] + q - samples.sun[e, 3 + i]
+        first += 1
+    samples.tide[o] = max(samples.tide[o], largest(w.tide))
+    return first
+
+
+@kernel
 def integrate(
-    n: int, start: Array, end_s: float, coefficients: Array, layout: Integers, timing: Array, p: Physics,
-    sunlight: float, columns: Integers, variations: bool, tolerance: float, guide: Steps, nodes: Array,
+    n: int, starts: Array, strengths: Array, end_s: float, coefficients: Array, layout: Integers, timing: Array,
+    p: Physics, columns: Integers, variations: bool, tolerance: float, guide: Steps, nodes: Array, samples: Samples,
 ) -> tuple[int, Steps]:  # fmt: skip
-    """Integrate from t = 0 to end_s (either sign).
+    """Integrate one orbit, or many on the grid of a guide, from t = 0 to end_s (either sign).
 
     Parameters
     ----------
     n : number of lanes, 8. A run-time number on purpose: a constant is unrolled before it can be vectorised.
-    start : shape (6,), barycentric position and velocity at t = 0, km, km/s.
+    starts : shape (k, 6), barycentric position and velocity at t = 0, km, km/s.
+    strengths : shape (k, 4), of radiation pressure, A1, A2 and A3, as in `Physics.strength`.
     end_s : TDB seconds after the epoch.
     coefficients, layout, timing : the ephemeris window.
-    p, sunlight : the forces; the strength of radiation pressure apart, because clones differ in it.
+    p : the forces.
     columns, variations : which of kappa, A1, A2, A3 (q,) are integrated; whether they and Phi are at all.
     tolerance : limit of the last Legendre coefficient of the acceleration, relative.
-    guide, nodes : steps of a near orbit over the same span and the ephemeris at their nodes: this orbit takes the same
-        steps, and iterates its difference from the guide; no steps if there is none.
+    guide, nodes : steps of a near orbit over the same span and the ephemeris at their nodes: the orbits take the same
+        steps, and iterate their difference from the guide; no steps if there is none.
+    samples : where to evaluate many orbits, which needs a guide and brings no steps and no variations; empty for one
+        orbit, of which the steps are wanted.
 
     Returns a status (OK, STALLED, TOO_MANY_STEPS, or OFF_GRID if the guide's steps do not suit) and the accepted steps.
     """
-    count = 6 + columns.shape[0] if variations else 0
+    count, sampled = 6 + columns.shape[0] if variations else 0, samples.tide.shape[0] > 0
     w, guided = make_work(layout.shape[0], count), guide.start.shape[0] > 0
+    steps = make_steps(1 if sampled else max(64, guide.start.shape[0]), count)
     x, v, lost_x, lost_v = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
-    for k in range(3):
-        x[k], v[k] = start[k], start[3 + k]
     px, pv = np.zeros(3 * count), np.zeros(3 * count)
-    for k in range(min(3, count)):  # Phi = I, zeta = 0
-        px[4 * k], pv[9 + 4 * k] = 1.0, 1.0
-    steps, taken, sign = make_steps(max(64, guide.start.shape[0]), count), 0, 1.0 if end_s > 0.0 else -1.0
-    t, h, h_before = 0.0, 0.0, 0.0
+    orbits = begin(starts, px, pv)
+    taken, shown, following, sign, status = 0, 0, 0, 1.0 if end_s > 0.0 else -1.0, OK
+    t, h, h_before, converged, error, limit = 0.0, 0.0, 0.0, True, 0.0, 0.0
     if not guided:
         read_ephemeris(n, 0.0, 0.0, w, p, coefficients, layout, timing)
-        h = sign * first_step(w, p, x, tolerance)
+        h = sign * first_step(w, p, starts[0], tolerance)
     while sign * (end_s - t) > 0.0:
         if guided:
-            h = guide.length[taken]
-            ends = taken == guide.start.shape[0] - 1
-            t_next = end_s if ends else t + h
-            follow_guide(w, p, guide, nodes, taken)
+            h = follow_guide(n, w, p, guide, nodes, taken)
+            t_next = end_s if taken == guide.start.shape[0] - 1 else t + h
         else:
             ends = sign * (t + h - end_s) >= -1e-9 * abs(h)
             t_next = end_s if ends else t + h
             h = t_next - t
             if abs(h) < SMALLEST_STEP_S and not ends:
-                return STALLED, resized(steps, taken, taken, count)
+                status = STALLED
+                break
             read_ephemeris(n, t, h, w, p, coefficients, layout, timing)
-        if h_before != 0.0:
-            extrapolation(h / h_before, w.extrapolation)
-        first = h_before == 0.0 and not guided
-        converged, noise, size = solve_state(n, w, p, sunlight, x, v, h, first)
-        error, limit = last_coefficient(w.A) / size, max(tolerance, noise)
-        if not converged or error > 20.0 * limit:
+        extrapolation(h, h_before, w.extrapolation)
+        for o in range(starts.shape[0]):  # orbits inside steps: the bodies of a step are fetched once for all
+            if sampled and samples.tide[o] == np.inf:
+                continue
+            take_up(n, w, orbits[o], strengths[o], x, v, lost_x, lost_v)
+            converged, noise, size = solve_state(n, w, p, x, v, h)
+            error, limit = last_coefficient(w.A) / size, max(tolerance, noise)
+            if not converged or error > 20.0 * limit:
+                if sampled:
+                    samples.tide[o] = np.inf
+                continue
+            if variations:
+                expanded_jacobian(n, w, p)
+                solve_variations(n, w, columns, px, pv, h)
+            following = sample(o, taken, shown, w, x, v, samples)
+            if not sampled:
+                if taken == steps.start.shape[0]:
+                    steps = resized(steps, taken, 2 * taken, count)
+                store(n, steps, taken, t, h, x, v, px, pv, w)
+            advance(n, w, x, v, lost_x, lost_v, h)
+            advance_variations(w, px, pv, h)
+            put_down(n, w, orbits[o], x, v, lost_x, lost_v)
+        shown = following
+        if not sampled and (not converged or error > 20.0 * limit):
             if guided:
-                return OFF_GRID, resized(steps, taken, taken, count)
+                status = OFF_GRID
+                break
             h *= max(0.2, 0.9 * (limit / error) ** (1.0 / 7.0)) if converged else 0.4
             h_before = h_before if converged else 0.0
             continue
-        if variations:
-            expanded_jacobian(n, w, p, sunlight)
-            solve_variations(n, w, columns, px, pv, h, first)
-        if taken == steps.start.shape[0]:
-            steps = resized(steps, taken, 2 * taken, count)
-        store(steps, taken, t, h, x, v, px, pv, w)
-        advance(w, x, v, lost_x, lost_v, h)
-        if variations:
-            advance_variations(w, px, pv, h)
         t, h_before, taken = t_next, h, taken + 1
         if taken >= MOST_STEPS:
-            return TOO_MANY_STEPS, resized(steps, taken, taken, count)
-        growth = 2.0 if error == 0.0 else 0.9 * (limit / error) ** (1.0 / 7.0)
-        h = sign * min(LARGEST_STEP_S, abs(h) * min(2.0, max(0.3, growth)))
-    return OK, resized(steps, taken, taken, count)
+            status = TOO_MANY_STEPS
+            break
+        h = next_step(h, error, limit)
+    taken = 0 if sampled else taken
+    return status, resized(steps, taken, taken, count)
 
 
 def is_compiled_cache_present() -> bool:
-    """Whether `integrate` will start at once; if not, its first call compiles for some 35 s (a program may say so)."""
+    """Whether `integrate` will start at once; if not, its first call compiles for some 25 s (a program may say so)."""
     return is_compiled(integrate)

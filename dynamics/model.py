@@ -56,12 +56,11 @@ class Physics(NamedTuple):
     sun_zonal: Array  # (4,) radius in km, J2, 0, 0
     sun_pole: Array  # (3,) unit vector of the Sun's rotation axis
     century: float  # Julian centuries of the epoch after J2000
+    strength: Array  # (4,) of radiation pressure, A1, A2, A3 at 1 au times (1 au)^2, km^3/s^2
     radiation_on: bool
-    radiation_strength: float  # km^3/s^2
     radiation_unit: float  # km^3/s^2 per m^2/kg
     shadow_range: float  # km from the Earth; 0 switches its shadow off
     nongrav_on: bool
-    nongrav_strength: Array  # (3,) km^3/s^2
     nongrav_law: Array  # (5,) alpha, r0 in km, m, n, k
     nongrav_unit: float  # km^3/s^2 per au/d^2
 
@@ -111,6 +110,8 @@ class ForceModel:
     parameters: tuple[str, ...] = ()
     excluded: tuple[str, ...] = ()
     _gm: Array = field(init=False, repr=False)
+    _columns: "tuple[npt.NDArray[np.int64], Array]" = field(init=False, repr=False)
+    _physics: "dict[tuple[float, float], Physics]" = field(init=False, repr=False, default_factory=dict)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "parameters", tuple(self.parameters))
@@ -129,6 +130,7 @@ class ForceModel:
             raise InputError(f"parameters {self.parameters} repeat a name")
         gm = np.array([self.ephemeris.gm_km3_s2[body] for body in self.bodies])
         object.__setattr__(self, "_gm", gm)
+        object.__setattr__(self, "_columns", self._find_columns())
 
     @property
     def bodies(self) -> tuple[str, ...]:
@@ -188,7 +190,15 @@ class ForceModel:
         return dataclasses.replace(self, radiation=radiation, nongrav=nongrav)
 
     def physics(self, epoch: Epoch) -> Physics:
-        """The bare numbers for the kernels, with times counted from `epoch`."""
+        """The bare numbers for the kernels, with times counted from `epoch`; kept for the next call."""
+        key = (epoch.day, epoch.fraction)
+        if key not in self._physics:
+            if len(self._physics) > 16:
+                self._physics.clear()
+            self._physics[key] = self._physics_at(epoch)
+        return self._physics[key]
+
+    def _physics_at(self, epoch: Epoch) -> Physics:
         scalars = self.ephemeris.scalars
         kappa = 0.0 if self.radiation is None else self.radiation.kappa_m2_kg
         accelerations = (
@@ -211,18 +221,20 @@ class ForceModel:
             sun_zonal=np.array([scalars["sun_radius_km"], scalars["sun_j2"], 0.0, 0.0]),
             sun_pole=SUN_POLE.copy(),
             century=float((epoch.day - J2000_JD + epoch.fraction) / 36525.0),
+            strength=np.array([RADIATION_KM3_S2_PER_M2_KG * kappa, *(unit * a for a in accelerations)]),
             radiation_on=self.radiation is not None,
-            radiation_strength=float(RADIATION_KM3_S2_PER_M2_KG * kappa),
             radiation_unit=float(RADIATION_KM3_S2_PER_M2_KG),
             shadow_range=float(SHADOW_RANGE_KM if self.earth_shadow else 0.0),
             nongrav_on=self.nongrav is not None,
-            nongrav_strength=np.array(accelerations) * unit,
             nongrav_law=(Nongrav() if self.nongrav is None else self.nongrav).law,
             nongrav_unit=float(unit),
         )
 
     def columns(self) -> tuple[npt.NDArray[np.int64], Array]:
         """Columns that the kernel integrates (places in COLUMNS), and the matrix (q, m) from them to the parameters."""
+        return self._columns
+
+    def _find_columns(self) -> tuple[npt.NDArray[np.int64], Array]:
         wanted: dict[int, dict[int, float]] = {}
         kappa = {} if self.radiation is None else self.radiation.kappa_partials()
         for place, name in enumerate(self.parameters):

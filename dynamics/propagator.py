@@ -1,6 +1,7 @@
 """propagate(...): the public face of the compiled integrator."""
 
 import dataclasses
+import math
 
 import numpy as np
 import numpy.typing as npt
@@ -11,7 +12,7 @@ from nebosvod.dynamics.encounter import IMPACT_TIDE, require_no_impact
 from nebosvod.dynamics.ephemeris import PLANETS, Ephemeris
 from nebosvod.dynamics.model import ForceModel, Physics
 from nebosvod.dynamics.trajectory import Trajectory, make_trajectory
-from nebosvod.dynamics.workspace import NO_NODES, NO_STEPS, Steps
+from nebosvod.dynamics.workspace import NO_NODES, NO_SAMPLES, NO_STEPS, Steps
 from nebosvod.errors import CoverageError, EventError, InputError
 from nebosvod.timescale import Epoch
 
@@ -61,7 +62,7 @@ def propagate(
     start, times = _checked(state_km_km_s, t_s)
     low, high = _span(forces, epoch, min(0.0, float(times.min())), max(0.0, float(times.max())), margin_s)
     window = forces.window(epoch, low, high)
-    barycentric = start + forces.ephemeris.state_km_km_s("sun", epoch, 0.0)[0]
+    barycentric = start[None] + forces.ephemeris.sun_at(epoch)
     columns, chain = forces.columns()
     if not sensitivities:
         columns = columns[:0]
@@ -71,15 +72,15 @@ def propagate(
     for leg, end_s in enumerate((low, high)):
         if end_s != 0.0:
             fixed = (
-                8, barycentric, end_s, window.coefficients, window.layout, window.timing, physics,
-                physics.radiation_strength, columns, sensitivities, float(tolerance),
+                8, barycentric, physics.strength[None], end_s, window.coefficients, window.layout, window.timing,
+                physics, columns, sensitivities, float(tolerance),
             )  # fmt: skip
-            status, steps = integrator.integrate(*fixed, *guides[leg])
+            status, steps = integrator.integrate(*fixed, *guides[leg], NO_SAMPLES)
             if status == integrator.OFF_GRID:
                 guides = NO_GUIDES
-                status, steps = integrator.integrate(*fixed, *guides[leg])
+                status, steps = integrator.integrate(*fixed, *guides[leg], NO_SAMPLES)
             legs[leg] = steps
-            itself = _perturber_itself(forces, steps, barycentric, epoch)
+            itself = _perturber_itself(forces, steps, barycentric[0], epoch)
             if itself is not None:
                 without = dataclasses.replace(forces, excluded=(*forces.excluded, itself))
                 return propagate(
@@ -122,7 +123,7 @@ def _checked(state_km_km_s: npt.ArrayLike, t_s: npt.ArrayLike) -> tuple[Array, A
     """State (6,) and times (n,) as arrays, refused if they cannot be used."""
     start = np.asarray(state_km_km_s, dtype=np.float64)
     times = np.atleast_1d(np.asarray(t_s, dtype=np.float64))
-    if start.shape != (6,) or not np.isfinite(start).all():
+    if start.shape != (6,) or not all(map(math.isfinite, start.tolist())):
         raise InputError(f"state: needs six finite numbers (km, km/s), got {start}")
     if times.ndim != 1 or not len(times) or not np.isfinite(times).all():
         raise InputError(f"times: need shape (n,) with n > 0 and finite seconds, got shape {times.shape}")
@@ -131,7 +132,8 @@ def _checked(state_km_km_s: npt.ArrayLike, t_s: npt.ArrayLike) -> tuple[Array, A
 
 def _span(forces: ForceModel, epoch: Epoch, low: float, high: float, margin_s: float) -> tuple[float, float]:
     """The span to integrate: with the margin, but inside the ephemeris; never empty."""
-    forces.ephemeris.require(epoch, [low, high], asteroids=forces.asteroids)
+    for end_s in (low, high):
+        forces.ephemeris.require(epoch, end_s, asteroids=forces.asteroids)
     first, last = forces.ephemeris.coverage(asteroids=forces.asteroids)
     low = max(low - margin_s, first - epoch)
     if low == high:

@@ -36,13 +36,13 @@ class Trajectory:
     parameter_names: tuple[str, ...]
     forces: ForceModel
     sensitivities: bool
-    _partials: tuple[Array, Array] = field(repr=False)
+    _partials: tuple[Array, ...] = field(repr=False)
     _table: StepTable = field(repr=False)
     _chain: Array = field(repr=False)
 
     def __post_init__(self) -> None:
         for array in (self.t_s, self.state, *self._partials):
-            array.flags.writeable = False
+            array.setflags(write=False)
 
     @property
     def Phi(self) -> Array:
@@ -85,6 +85,24 @@ class Trajectory:
         """Heliocentric states alone, shape (n, 6), km, km/s, at any times of the span."""
         return self._table.evaluate(_inside(t_s, self._table), variations=False)[0]
 
+    @property
+    def chain(self) -> Array:
+        """From the integrated columns to the parameters, shape (q, m): zeta = integrated columns @ chain."""
+        return self._chain.copy()
+
+    def variations_at(self, t_s: npt.ArrayLike) -> tuple[Array, Array]:
+        """States (n, 6) and integrated variations (n, 6, 6 + q): Phi, then the columns that `chain` maps to zeta.
+
+        For callers that map many epochs at once in a loop of their own; others take `at`.
+
+        Raises
+        ------
+        InputError, CoverageError
+            Without sensitivities; if a time lies outside `span_s`.
+        """
+        self._sensitivity(0)
+        return self._table.evaluate(_inside(t_s, self._table), variations=True)
+
     def to_spk(self, path: str | Path, target: int, name: str = "nebosvod") -> int:
         """Write the whole span as an SPK file of object number `target`; see spkwriter.py. Returns its segments."""
         from nebosvod.dynamics.spkwriter import write_spk
@@ -113,7 +131,7 @@ def make_trajectory(
         t_s=times.copy(),
         state=state,
         sensitivities=sensitivities,
-        _partials=(np.ascontiguousarray(partials[:, :, :6]), partials[:, :, 6:] @ chain if sensitivities else partials),
+        _partials=(np.ascontiguousarray(partials[:, :, :6]), partials[:, :, 6:] @ chain) if sensitivities else (),
         parameter_names=forces.parameters if sensitivities else (),
         forces=forces,
         _table=table,
@@ -127,6 +145,8 @@ def _inside(t_s: npt.ArrayLike, table: StepTable) -> Array:
     if times.ndim != 1:
         raise InputError(f"times need shape (n,), got {times.shape}")
     first, last = float(table.edges[0]), float(table.edges[-1])
+    if not len(times) or (first - 1e-6 <= times.min() and times.max() <= last + 1e-6):
+        return times
     outside = ~((times >= first - 1e-6) & (times <= last + 1e-6))
     if outside.any():
         bad = float(times[outside][0])

@@ -9,11 +9,14 @@ from nebosvod.dynamics.compilation import kernel
 from nebosvod.dynamics.relativity import MAJOR
 
 Array = npt.NDArray[np.float64]
+Integers = npt.NDArray[np.int64]
 
 
 class Work(NamedTuple):
     """Scratch arrays of one integration; rows of 8 lanes, flat (see compilation.py)."""
 
+    strength: Array  # (4,) of radiation pressure, A1, A2, A3 for the orbit in hand; starts as that of the physics
+    law: Array  # (16,) Marsden's g(r) at the nodes (see nongrav.py)
     t: Array  # (8,) node times
     P: Array  # (bodies, 24) positions of the bodies at the nodes
     VS: Array  # (24,) velocity of the Sun
@@ -58,17 +61,27 @@ class Steps(NamedTuple):
     tide: Array  # (n,) largest GM/r^3 met in the step, s^-2
 
 
+class Samples(NamedTuple):
+    """Where many orbits on one grid are wanted, and what they were there; empty for one orbit."""
+
+    chosen: Integers  # (c,) which of the times lie on this leg, in the order of its steps
+    step: Integers  # (times,) the step that holds each
+    weights: Array  # (times, 17) of its nodes: see `dense.step_weights`, then seconds from its start
+    sun: Array  # (times, 6) barycentric
+    states: Array  # (k, times, 6) heliocentric: filled
+    tide: Array  # (k,) largest GM/r^3 met by each orbit: raised; infinite where its integration stopped
+
+
 @kernel
 def make_work(bodies: int, columns: int) -> Work:
     """Allocate the scratch arrays."""
     wide = 24 * columns
     return Work(
-        np.zeros(8), np.zeros((bodies, 24)), np.zeros(24), np.zeros((MAJOR, 24)), np.zeros((MAJOR, 24)),
-        np.zeros((MAJOR, 8)), np.zeros(32), np.zeros(3), np.zeros(24), np.zeros(24), np.zeros(24),
-        np.zeros(24), np.zeros(8), np.zeros(8), np.zeros(24), np.zeros(24), np.zeros(48), np.zeros(24), np.zeros(24),
-        np.zeros(64), np.zeros(48), np.zeros(72), np.zeros(72),
-        np.zeros(96), np.zeros(wide), np.zeros(wide), np.zeros(wide), np.zeros(wide), np.zeros(wide),
-        np.zeros(wide),
+        np.zeros(4), np.zeros(16), np.zeros(8), np.zeros((bodies, 24)), np.zeros(24), np.zeros((MAJOR, 24)),
+        np.zeros((MAJOR, 24)), np.zeros((MAJOR, 8)), np.zeros(32), np.zeros(3), np.zeros(24), np.zeros(24),
+        np.zeros(24), np.zeros(24), np.zeros(8), np.zeros(8), np.zeros(24), np.zeros(24), np.zeros(48),
+        np.zeros(24), np.zeros(24), np.zeros(64), np.zeros(48), np.zeros(72), np.zeros(72), np.zeros(96),
+        np.zeros(wide), np.zeros(wide), np.zeros(wide), np.zeros(wide), np.zeros(wide), np.zeros(wide),
     )  # fmt: skip
 
 
@@ -103,3 +116,7 @@ NO_STEPS = Steps(
     np.empty(0), np.empty(0), np.empty((0, 6)), np.empty((0, 24)), np.empty((0, 0)), np.empty((0, 0)), np.empty(0)
 )
 NO_NODES: Array = np.empty((0, 0))
+# and for "no samples"
+NO_SAMPLES = Samples(
+    np.empty(0, np.int64), np.empty(0, np.int64), np.empty((0, 17)), np.empty((0, 6)), np.empty((0, 0, 6)), np.empty(0)
+)

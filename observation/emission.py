@@ -19,7 +19,7 @@ class Emission:
         self._integrated: Integrated | None = None
         self._chain = np.empty((0, 0))
         if isinstance(trajectory, Integrated) and trajectory.sensitivities:
-            self._integrated, self._chain = trajectory, np.array(trajectory._chain)
+            self._integrated, self._chain = trajectory, trajectory.chain
         self._times, self._variations = np.empty(0), np.empty((0, 6, 6))
 
     def state_at(self, t_s: Array) -> Array:
@@ -33,10 +33,7 @@ class Emission:
         self._times = t_s
         if self._integrated is None:
             return self.trajectory.state_at(t_s)
-        first, last = self._integrated.span_s
-        if not (first <= t_s.min() and t_s.max() <= last):
-            self._integrated.state_at(t_s)  # says what is covered; lets pass what sticks out by a microsecond
-        state, self._variations = self._integrated._table.evaluate(t_s, variations=True)
+        state, self._variations = self._integrated.variations_at(t_s)
         return state
 
     def partials(self, Phi: Array, zeta: Array) -> None:

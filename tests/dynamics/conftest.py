@@ -10,8 +10,11 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from nebosvod.dynamics import Ephemeris, ForceModel, Nongrav, RadiationPressure
+from nebosvod.dynamics import Ephemeris, ForceModel, Nongrav, RadiationPressure, integrator
+from nebosvod.dynamics import forces as forces_module
 from nebosvod.dynamics.constants import AU_KM, DAY_S
+from nebosvod.dynamics.model import Physics
+from nebosvod.dynamics.workspace import Work
 from nebosvod.timescale import Epoch
 
 Array = npt.NDArray[np.float64]
@@ -103,3 +106,28 @@ def full_forces(ephemeris: Ephemeris) -> ForceModel:
         nongrav=Nongrav(a1_au_d2=1e-12, a2_au_d2=-2.9e-14, a3_au_d2=2e-14),
         parameters=("radius_m", "mass_kg", "albedo", "thermal_emission", "a1_au_d2", "a2_au_d2", "a3_au_d2"),
     )
+
+
+@pytest.fixture(scope="session")
+def summed_forces() -> Callable[[int, Work, Physics], tuple[Array, Array]]:
+    """(lanes, work, physics) -> A (24,) and dA/dX (72,): every body summed where it is, nothing expanded.
+
+    It also leaves dA/dV and dA/d(parameters) in w.K and w.F.
+    """
+
+    def field(n: int, w: Work, p: Physics) -> tuple[Array, Array]:
+        A, S = np.zeros(24), np.zeros(48)
+        w.strength[:] = p.strength
+        forces_module.point_masses(n, w.X, w.P, p.gm, A, np.zeros(8))
+        forces_module.point_masses_gradient(n, w.X, w.P, p.gm, S)
+        if p.earth_range > 0.0:
+            figure = (n, w.X, w.P, 3, p.gm[3], p.earth_zonal, w.pole)
+            if forces_module.near(p.earth_range, n, w.X, w.P, 3):
+                forces_module.zonal_harmonics(*figure, A)
+                forces_module.zonal_harmonics_gradient(*figure, S)
+        integrator.add_small_forces(n, w, p, A)
+        w.S[:] = S
+        integrator.add_small_gradients(n, w, p)
+        return A, w.G.copy()
+
+    return field

@@ -142,12 +142,15 @@ def light_gradient(s: Scene) -> tuple[Array, Array]:
 def marsden(law: Array) -> Pair:
     def force(s: Scene, X: Array, V: Array) -> Array:
         A = np.zeros(24, dtype=np.result_type(X, V))
-        plain(nongrav.nongrav)(8, X, V, s.P, s.W[0], STRENGTH, law, A)
+        q = np.zeros(16, dtype=X.dtype)
+        plain(nongrav.law_factors)(8, X, s.P, law, q)
+        plain(nongrav.nongrav)(8, X, V, s.P, s.W[0], STRENGTH, q, A)
         return A
 
     def gradient(s: Scene) -> tuple[Array, Array]:
-        G, K, F = np.zeros(72), np.zeros(72), np.zeros(72)
-        plain(nongrav.nongrav_gradient)(8, s.X, s.V, s.P, s.W[0], STRENGTH, law, UNIT, G, K, F)
+        G, K, F, q = np.zeros(72), np.zeros(72), np.zeros(72), np.zeros(16)
+        plain(nongrav.law_factors)(8, s.X, s.P, law, q)
+        plain(nongrav.nongrav_gradient)(8, s.X, s.V, s.P, s.W[0], STRENGTH, q, UNIT, G, K, F)
         return G, K
 
     return Pair(force, gradient)
@@ -221,10 +224,12 @@ def test_parameter_columns_are_the_derivatives_of_the_force(scene: Scene) -> Non
     assert light(scene, scene.X, scene.V) / 3.0 == pytest.approx(F, rel=1e-14)
     for law in LAWS.values():
         G, K, F3 = np.zeros(72), np.zeros(72), np.zeros(72)
-        plain(nongrav.nongrav_gradient)(8, scene.X, scene.V, scene.P, scene.W[0], STRENGTH, law, UNIT, G, K, F3)
+        q = np.zeros(16)
+        plain(nongrav.law_factors)(8, scene.X, scene.P, law, q)
+        plain(nongrav.nongrav_gradient)(8, scene.X, scene.V, scene.P, scene.W[0], STRENGTH, q, UNIT, G, K, F3)
         for k in range(3):
             A = np.zeros(24)
-            plain(nongrav.nongrav)(8, scene.X, scene.V, scene.P, scene.W[0], np.eye(3)[k] * UNIT, law, A)
+            plain(nongrav.nongrav)(8, scene.X, scene.V, scene.P, scene.W[0], np.eye(3)[k] * UNIT, q, A)
             assert F3[24 * k : 24 * k + 24] == pytest.approx(A, rel=1e-12, abs=1e-14 * np.abs(A).max())
 
 
@@ -299,10 +304,17 @@ def test_pole_of_j2000_stands_on_the_equator() -> None:
 def test_laws_of_marsden_have_their_published_values() -> None:
     """Water ice: g(1 au) = 1 by definition of alpha (1e-6: its digits); at 2.808 au g = alpha 2^-k."""
     for r_au, wanted in ((1.0, 1.0), (2.808, 0.1112620426 * 2.0**-4.6142)):
-        q, _ = nongrav.law_factor((r_au * AU_KM) ** 2, LAWS["water ice"])
-        assert q / r_au**2 == pytest.approx(wanted, rel=1e-6)
-    assert nongrav.law_factor(4.0 * AU_KM**2, LAWS["r^-2"]) == (1.0, 0.0)
-    assert nongrav.law_factor(4.0 * AU_KM**2, LAWS["r^-1.5"])[0] == pytest.approx(2.0 * 2.0**0.5, rel=1e-14)
+        assert law_at(r_au, LAWS["water ice"])[0] / r_au**2 == pytest.approx(wanted, rel=1e-6)
+    assert law_at(2.0, LAWS["r^-2"]) == (1.0, 0.0)
+    assert law_at(2.0, LAWS["r^-1.5"])[0] == pytest.approx(2.0 * 2.0**0.5, rel=1e-14)
+
+
+def law_at(r_au: float, law: Array) -> tuple[float, float]:
+    """g(r) (r/1 au)^2 and its logarithmic slope, all eight lanes being at r."""
+    X, q = np.repeat([r_au * AU_KM, 0.0, 0.0], 8), np.zeros(16)
+    nongrav.law_factors(8, X, np.zeros((1, 24)), law, q)
+    assert np.ptp(q[:8]) == np.ptp(q[8:]) == 0.0
+    return float(q[0]), float(q[8])
 
 
 def test_pole_of_the_sun_is_a_unit_vector_towards_draco() -> None:
