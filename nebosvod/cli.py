@@ -146,6 +146,7 @@ def validate(
     Example:  nebosvod validate minimal --runs 2000
     """
     from nebosvod.mission import load_mission
+    from nebosvod.report.validation_page import write_validation_report
     from nebosvod.result import json_text
     from nebosvod.trust_answer import print_validation, progress_line
     from nebosvod.validate import validate as validate_mission
@@ -163,10 +164,12 @@ def validate(
             overwrite=overwrite,
             progress=progress,
         )
+    page = write_validation_report(folder, found)
     if as_json:
         click.echo(json_text(found), nl=False)
     else:
         print_validation(found, folder)
+        click.echo(f"report: {page}")
     return 0 if found["passed"] else EXIT_QUALITY
 
 
