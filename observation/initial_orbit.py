@@ -1,0 +1,259 @@
+"""A first orbit from directions alone: Gauss's method on many triplets, systematic ranging where that fails.
+
+Spans of several lengths are cut out of the observations, each where most nights lie. On each one Gauss's method is
+tried on triplets from its beginning, middle and end; what it finds is improved by least squares over the span, robust
+against gross errors, with the pull of Earth, Moon and Jupiter. Candidates are ranked by how well they fit, then by the
+length of the span: a long one fixes the orbit better. Where no candidate fits, a grid of distances and range rates is
+searched. An orbit given back here fits a span to some arcseconds; it is where a fit starts, not a result.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from nebosvod.dynamics.constants import AU_KM, DAY_S
+from nebosvod.observation.contracts import Array, Ephemeris
+from nebosvod.observation.gauss import gauss
+from nebosvod.observation.records import Astrometry, Rows
+from nebosvod.observation.short_arc import Attributable, attributable, ranging
+from nebosvod.observation.two_body_fit import Arc, costs, improve, residuals, shifts, trimmed_rms
+from nebosvod.observation.universal import fly
+from nebosvod.observation.weights import weigh
+from nebosvod.timescale import Epoch
+
+__all__ = ["Attributable", "StartingOrbit", "attributable", "candidates"]
+
+SPANS_D = (8.5, 17.0, 3.5, 32.0, 1.3, 60.0, 0.15)  # in the order in which they are tried
+ENOUGH = 2  # spans with an orbit that fits, after which no other is tried
+MOST_ROWS = 40  # directions of a span that are used
+TRIPLETS = 6
+IMPROVED = 6  # candidates of a span that least squares goes on with
+MOST = 8  # candidates given back
+FITS = 1.5  # trimmed rms, in sigmas, of a candidate that needs no rival
+GOOD = 2.0  # of one that fits
+POOR = 4.0  # above which the grid is searched as well
+HOPELESS = 20.0  # above which a candidate is left out, unless all are like that
+SHORT_D = 0.5  # an arc of one night: its distance is hardly known, so the grid is searched in any case
+SAME_AU = 1e-4
+PRECISE_ARCSEC = 1.6
+UNBOUND = 1.5  # an unbound orbit must fit better by this factor
+SECOND_D = 1e-5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class StartingOrbit:
+    """Where a fit may start.
+
+    Attributes
+    ----------
+    state : (6,) heliocentric ICRF, km and km/s, at `epoch` + `t_s`.
+    epoch, t_s : the epoch of the records, and TDB seconds after it.
+    rms_arcsec : root mean square of the residuals over the span, without the worst fifth.
+    triplet : row numbers of the three observations the orbit came from; of a grid: first, middle, last.
+    span_s : length of the span that was fitted.
+    method : "Gauss" or "ranging".
+    """
+
+    state: Array
+    epoch: Epoch
+    t_s: float
+    rms_arcsec: float
+    triplet: tuple[int, int, int]
+    span_s: float
+    method: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Found:
+    """Orbits of one span: states (k, 6) in au and au/d at the arc's middle, their fit in sigmas, their triplets."""
+
+    arc: Arc
+    rows: Rows
+    states: Array
+    merit: Array
+    triplets: Rows
+    method: str
+
+
+def candidates(astrometry: Astrometry, observer_states: Array, ephemeris: Ephemeris) -> tuple[StartingOrbit, ...]:
+    """Starting orbits of one object, best first; empty if there are fewer than three times or nothing fits.
+
+    Parameters
+    ----------
+    astrometry : records of one object, in any order.
+    observer_states : shape (n, 6), barycentric ICRF, km and km/s (`observers.telescopes`).
+
+    Notes
+    -----
+    What is known when this gives nothing: `attributable`.
+    """
+    order = np.argsort(astrometry.t_s, kind="stable")
+    if np.unique(astrometry.t_s).size < 3:
+        return ()
+    sigma = np.empty((len(astrometry), 2))
+    sigma[...] = weigh(astrometry, night_limit=None).sigma_rad
+    found: list[_Found] = []
+    for rows in spans(astrometry.t_s[order] / DAY_S, np.max(sigma[order], axis=1)):
+        if sum(bool((one.merit < FITS).any()) for one in found) == ENOUGH:
+            break
+        mine = order[rows]
+        arc = Arc.of(
+            astrometry.epoch, astrometry.t_s[mine], astrometry.psi[mine], sigma[mine], observer_states[mine], ephemeris
+        )
+        found.append(_by_gauss(arc, mine))
+    if max(np.ptp(one.arc.t) for one in found) < SHORT_D or not any((one.merit < POOR).any() for one in found):
+        shortest = min(found, key=lambda one: float(np.ptp(one.arc.t)))
+        found.append(_by_ranging(shortest, observer_states, astrometry, ephemeris))
+    return _ranked(found, astrometry)
+
+
+def spans(t: Array, sigma: Array) -> tuple[Rows, ...]:
+    """Rows of each span to try, in the order of SPANS_D, at most MOST_ROWS of each.
+
+    Parameters
+    ----------
+    t : shape (n,), ascending, d; sigma : shape (n,), rad: the precise observations come first.
+    """
+    precise = np.flatnonzero(sigma <= max(PRECISE_ARCSEC * np.pi / 648000.0, float(np.median(sigma))))
+    if np.unique(t[precise]).size < 3:
+        precise = np.arange(t.size)
+    time = t[precise]
+    total = float(np.ptp(time))
+    lengths = [length for length in SPANS_D if length < total]
+    if total < max(SPANS_D):
+        lengths.insert(0, total)
+    chosen: list[Rows] = []
+    for length in dict.fromkeys(lengths):
+        first, last = _fullest(time, length)
+        rows = precise[first:last]
+        if np.unique(t[rows]).size < 3 or any(np.array_equal(_thinned(t, rows), other) for other in chosen):
+            continue
+        chosen.append(_thinned(t, rows))
+    if not chosen:
+        chosen.append(_thinned(t, precise))
+    return tuple(chosen)
+
+
+def _fullest(t: Array, length: float) -> tuple[int, int]:
+    """Ends of the window of a length that is covered best: in most tenths, then by the longest reach."""
+    last = np.searchsorted(t, t + 1.0001 * length, side="right")
+    tenth = np.floor(10.0 * t / length)
+    new = np.concatenate([[0], np.cumsum(np.diff(tenth) > 0)])
+    covered = new[last - 1] - new + 1
+    covered = np.minimum(covered, 10) * (last - np.arange(t.size) >= 3)
+    reach = (t[last - 1] - t) / length
+    first = int(np.argmax(covered + reach + 1e-9 * np.arange(t.size)))
+    return first, int(last[first])
+
+
+def _thinned(t: Array, rows: Rows) -> Rows:
+    """At most MOST_ROWS of the rows, both ends among them, spread over time first and over rows second."""
+    if rows.size <= MOST_ROWS:
+        return rows
+    time = t[rows]
+    by_time = np.searchsorted(time, np.linspace(time[0], time[-1], MOST_ROWS // 2))
+    by_row = np.linspace(0, rows.size - 1, MOST_ROWS - MOST_ROWS // 2).astype(np.int64)
+    kept: Rows = rows[np.unique(np.concatenate([np.minimum(by_time, rows.size - 1), by_row]))]
+    return kept
+
+
+def triplets(t: Array) -> Rows:
+    """Triplets (m, 3) of numbers of ascending times: from the beginning, the middle and the end."""
+    n = t.size
+    end = max(1, n // 5)
+    picks = []
+    for k in range(TRIPLETS):
+        first, last = k % end, n - 1 - (2 * k + k // end) % end
+        target = t[first] + (t[last] - t[first]) * (0.5, 0.4, 0.6, 0.5, 0.3, 0.7)[k % 6]
+        between = np.arange(first + 1, last)
+        between = between[(t[between] - t[first] > SECOND_D) & (t[last] - t[between] > SECOND_D)]
+        if between.size:
+            near = between[np.argsort(np.abs(t[between] - target), kind="stable")]
+            picks.append((first, int(near[(k // 3) % near.size]), last))
+    return np.array(list(dict.fromkeys(picks)), dtype=np.int64).reshape(-1, 3)
+
+
+def _by_gauss(arc: Arc, rows: Rows) -> _Found:
+    """What Gauss's method finds on a span, improved."""
+    picks = triplets(arc.t)
+    states, when, parent = gauss(arc.u[picks], arc.q[picks], arc.sun_velocity[picks], arc.t[picks], arc.gm)
+    states = _carried(arc, states, when)
+    with np.errstate(all="ignore"):
+        cost = costs(residuals(arc, states, shifts(arc, states))) if len(states) else np.empty(0)
+    best = _distinct(states, cost, IMPROVED)
+    return _improved(arc, rows, states[best], picks[parent[best]], "Gauss")
+
+
+def _by_ranging(span: _Found, observer_states: Array, astrometry: Astrometry, ephemeris: Ephemeris) -> _Found:
+    """The best of a grid of distances and range rates on a span, improved."""
+    arc, rows = span.arc, span.rows
+    middle = int(np.argmin(np.abs(arc.t - arc.t0)))
+    sun = ephemeris.state_km_km_s("sun", astrometry.epoch, astrometry.t_s[rows[middle : middle + 1]])
+    velocity = (observer_states[rows[middle], 3:] - sun[0, 3:]) * (DAY_S / AU_KM)
+    states = ranging(arc, velocity, keep=2 * IMPROVED)
+    ends = np.tile([0, middle, arc.t.size - 1], (len(states), 1))
+    return _improved(arc, rows, states, ends, "ranging")
+
+
+def _improved(arc: Arc, rows: Rows, states: Array, picks: Rows, method: str) -> _Found:
+    """Orbits after least squares over the span, with their fit; what diverged is left out."""
+    if len(states):
+        states, _ = improve(arc, states)
+    with np.errstate(all="ignore"):
+        merit = trimmed_rms(residuals(arc, states, shifts(arc, states))) if len(states) else np.empty(0)
+        energy = 0.5 * np.sum(states[:, 3:] ** 2, axis=1) - arc.gm / np.linalg.norm(states[:, :3], axis=1)
+    merit = np.where(energy > 0.0, UNBOUND * merit, merit)
+    fine = np.isfinite(merit)
+    return _Found(arc=arc, rows=rows, states=states[fine], merit=merit[fine], triplets=rows[picks[fine]], method=method)
+
+
+def _carried(arc: Arc, states: Array, when: Array) -> Array:
+    """States at the middle of the arc."""
+    return fly(states, arc.t0 - when, arc.gm) if len(states) else states
+
+
+def _distinct(states: Array, cost: Array, most: int) -> Rows:
+    """Numbers of the cheapest states that are not the same orbit twice."""
+    chosen: list[int] = []
+    for number in np.argsort(cost, kind="stable").tolist():
+        if not np.isfinite(states[number]).all():
+            continue
+        if all(np.linalg.norm(states[number, :3] - states[other, :3]) > SAME_AU for other in chosen):
+            chosen.append(number)
+        if len(chosen) == most:
+            break
+    rows: Rows = np.array(chosen, dtype=np.int64)
+    return rows
+
+
+def _ranked(found: list[_Found], astrometry: Astrometry) -> tuple[StartingOrbit, ...]:
+    """All candidates, those that fit first, among them those of the longest spans; at most MOST."""
+    flat = [(one, k) for one in found for k in _distinct(one.states, one.merit, MOST).tolist()]
+    if not flat:
+        return ()
+    least = min(float(one.merit[k]) for one, k in flat)
+    flat = [(one, k) for one, k in flat if one.merit[k] <= max(HOPELESS, 20.0 * least)]
+
+    def key(item: tuple[_Found, int]) -> tuple[bool, float]:
+        one, k = item
+        fits = bool(one.merit[k] <= max(GOOD, 2.0 * least))
+        return not fits, -float(np.ptp(one.arc.t)) + 1e-3 * float(one.merit[k]) if fits else float(one.merit[k])
+
+    orbits = []
+    for one, k in sorted(flat, key=key)[:MOST]:
+        with np.errstate(all="ignore"):
+            state = one.states[k : k + 1]
+            v = residuals(one.arc, state, shifts(one.arc, state)) * one.arc.sigma.ravel()
+        scale = np.repeat([AU_KM, AU_KM / DAY_S], 3)
+        orbits.append(
+            StartingOrbit(
+                state=one.states[k] * scale,
+                epoch=astrometry.epoch,
+                t_s=one.arc.t0 * DAY_S,
+                rms_arcsec=float(trimmed_rms(v)[0]) * 648000.0 / np.pi,
+                triplet=(int(one.triplets[k, 0]), int(one.triplets[k, 1]), int(one.triplets[k, 2])),
+                span_s=float(np.ptp(one.arc.t)) * DAY_S,
+                method=one.method,
+            )
+        )
+    return tuple(orbits)
