@@ -201,8 +201,11 @@ def _inverse_upper(R, size, out, limit):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _row_lengths(spread, factor, begin, out):  # type: ignore[no-untyped-def]
-    """Lengths of the rows of spread times factor; inf where a row needs an unknown before `begin`."""
+def _row_lengths(spread, factor, begin, upper, out):  # type: ignore[no-untyped-def]
+    """Lengths of the rows of spread times factor; inf where a row needs an unknown before `begin`.
+
+    upper : whether factor is upper triangular, and half of the products nothing.
+    """
     width = factor.shape[1]
     row = np.empty(width)
     for i in range(spread.shape[0]):
@@ -211,7 +214,7 @@ def _row_lengths(spread, factor, begin, out):  # type: ignore[no-untyped-def]
         for j in range(factor.shape[0]):
             if spread[i, j] != 0.0:
                 known = known and j >= begin
-                for k in range(width):
+                for k in range(j if upper else 0, width):
                     row[k] += spread[i, j] * factor[j, k]
         square = 0.0
         for k in range(width):
@@ -239,9 +242,9 @@ def _sweep(rows, triangle, spread, truth_rows, inside, outside, formal, true):  
                 _rotate_in(fresh_row, fresh)
         if len(formal):
             begin = _inverse_upper(triangle, size, S, OBSERVABLE_CONDITION)
-            _row_lengths(spread, S, begin, formal[k])
+            _row_lengths(spread, S, begin, True, formal[k])
             if len(true) and begin == 0:
                 K = S @ np.ascontiguousarray(S.T)
                 left = S @ (np.ascontiguousarray(triangle[:size, size + 1 :]) @ outside)
                 errors = np.hstack((K @ np.ascontiguousarray(fresh.T), K @ inside + left))
-                _row_lengths(spread, np.vstack((errors, assumed)), 0, true[k])
+                _row_lengths(spread, np.vstack((errors, assumed)), 0, False, true[k])

@@ -28,6 +28,7 @@ from nebosvod.estimation.square_root import (
 from nebosvod.estimation.whitening import Whitener, chunks, projected, whitened_rows
 
 Array = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -146,7 +147,8 @@ def residual_after(problem: LinearProblem, partition: Partition, mean: Array) ->
     after = np.array(problem.residual)
     for block in problem.blocks:
         if block.treatment != "fixed":
-            after -= block.H @ np.array([values[name] for name in block.names])
+            flat = block.H.reshape(problem.n * problem.p, len(block.names))  # one product, not n small ones
+            after -= (flat @ np.array([values[name] for name in block.names])).reshape(after.shape)
     return after
 
 
@@ -156,15 +158,15 @@ def _fresh_factors(
     """Factors of the noise sources, white and time-correlated nuisances."""
     size = partition.n_unknowns
     grams = {name: np.zeros((size, size)) for name in problem.noise_names}
-    live = [white for white in problem.white if white.treatment != "fixed"]
+    live = [(white, np.argsort(white.rows, kind="stable")) for white in problem.white if white.treatment != "fixed"]
     chains = [markov for markov in problem.markov if markov.treatment != "fixed"]
-    grams.update({white.name: np.zeros((size, size)) for white in live})
+    grams.update({white.name: np.zeros((size, size)) for white, _ in live})
     X = _whole_gain(whitener, rows, solved.S) if chains else None
     for start, stop, part in _gain_parts(whitener, rows, solved.S) if X is None else _parts(X):
         for name, gram in _noise_grams(problem, start, stop, part):
             grams[name] += gram
-        for white in live:
-            grams[white.name] += _white_gram(white, start, stop, part)
+        for white, order in live:
+            grams[white.name] += _white_gram(white, order, start, stop, part)
     if X is not None:
         grams.update({markov.name: accumulated(markov, X) for markov in chains})
     base = partition.T @ solved.S
@@ -216,9 +218,10 @@ def _noise_grams(problem: LinearProblem, start: int, stop: int, X: Array) -> Ite
         yield name, _gram(X[mine], weighted[mine])
 
 
-def _white_gram(white: White, start: int, stop: int, X: Array) -> Array:
-    """Gram matrix sum X^T H Q_true H^T X of one part."""
-    mine = np.flatnonzero((white.rows >= start) & (white.rows < stop))
+def _white_gram(white: White, order: IntArray, start: int, stop: int, X: Array) -> Array:
+    """Gram matrix sum X^T H Q_true H^T X of one part; `order` sorts the rows that the nuisance touches."""
+    first, last = np.searchsorted(white.rows, (start, stop), sorter=order)
+    mine = order[first:last]
     Q = white.truth if len(white.truth) == 1 else white.truth[mine]
     part = X[white.rows[mine] - start]
     return _gram(part, multiply_rows(projected(white.H[mine], Q), part))

@@ -31,7 +31,11 @@ def complaints(mission: Mission) -> list[Complaint]:
     """Everything that does not fit together, each with the path of the value to change."""
     prior = list(_prior(mission))
     if isinstance(mission, FitMission):
-        return list(islice(chain(_stations(mission), _coverage(mission), prior), MAX_PROBLEMS + 1))
+        return list(
+            islice(
+                chain(_stations(mission), _carried_covariances(mission), _coverage(mission), prior), MAX_PROBLEMS + 1
+            )
+        )
     # the rules of estimators ask what is in the prior
     plain, rules = (_references, _shared, _sites, _carried_covariances, _coverage), (_estimator, _method)
     overrides = [] if prior else (rule(mission, i, e) for i, e in enumerate(mission.estimators) for rule in rules)
@@ -126,9 +130,10 @@ def _sites(mission: Mission) -> Iterator[Complaint]:
 
 def _carried_covariances(mission: Mission) -> Iterator[Complaint]:
     """`covariance: orbit` stands where the orbit comes from a file that can hold one."""
+    real = isinstance(mission, FitMission)  # observers of real astrometry have no orbit block
     for source in mission.sources:
         if isinstance(source.error, Position) and source.error.from_orbit:
-            kinds = {mission.telescope(name).orbit.kind for name in source.telescopes} - {"oem"}
+            kinds = {"none" if real else mission.telescope(name).orbit.kind for name in source.telescopes} - {"oem"}
             if kinds:
                 text = (
                     f"orbit means the covariance in the file of the orbit, and only kind oem has one (got {min(kinds)})"
