@@ -7,6 +7,7 @@ import re
 from pathlib import Path
 from types import MappingProxyType
 
+import erfa
 import numpy as np
 
 from nebosvod.observation import obscodes
@@ -208,10 +209,7 @@ def _directions(cells: Cells) -> Array:
     by_star = np.isnan(ra) & ~np.isnan(star_ra)
     with np.errstate(invalid="ignore"):
         # the offset is measured on the plane that touches the sky at the star
-        x, y = offset.T * ARCSEC_RAD
-        a, d = np.radians(star_ra), np.radians(star_dec)
-        turned = a + np.arctan2(x, np.cos(d) - y * np.sin(d))
-        lifted = np.arctan2(np.sin(d) + y * np.cos(d), np.hypot(x, np.cos(d) - y * np.sin(d)))
+        turned, lifted = erfa.tpsts(*(offset.T * ARCSEC_RAD), np.radians(star_ra), np.radians(star_dec))
     return np.stack(
         [
             np.mod(np.where(by_star, turned, np.radians(ra)), 2.0 * np.pi),

@@ -73,6 +73,28 @@ def test_an_occultation_is_the_star_with_the_offset() -> None:
     np.testing.assert_allclose(moved, [4.0, -3.0], atol=2e-4)
 
 
+def test_an_occultation_near_the_pole_is_offset_on_the_tangent_plane() -> None:
+    head = "permID|stn|sys|ctr|pos1|pos2|pos3|obsTime|raStar|decStar|deltaRA|deltaDec"
+    one = psv(head, "3666|275|ICRF_KM|399|1190|-3232|3165|2020-09-15T14:02:19.12Z|27.7|89.9|0.0|1080.0")
+    # 0.3 deg north of 89.9 deg along the meridian is 0.2 deg beyond the pole; tan 0.3 deg - 0.3 deg is 0.01"
+    np.testing.assert_allclose(np.degrees(one.psi[0]), [207.7, 89.8], atol=1e-5)
+
+
+def test_the_stated_precision_is_an_arc_on_the_sky() -> None:
+    one = psv("permID|stn|obsTime|ra|dec|precRA|precDec", "3666|G96|2020-09-15T14:02:19.12Z|27.7|60.0|0.01|0.1")
+    np.testing.assert_allclose(one.precision_rad[0], [0.5 * 0.15 * ARCSEC, 0.1 * ARCSEC], rtol=1e-12)
+
+
+def test_records_of_one_direction_from_two_places_are_two() -> None:
+    row = "X1|247|WGS84|399|90.0|{}|1000|||||2010-01-07T20:21:48Z||19.0|5.0"
+    assert len(psv(SPACE, row.format("0.0"), row.format("0.1"), row.format("0.0"))) == 2
+
+
+def test_old_line_ends_are_line_ends() -> None:
+    one = parse_astrometry(SourceFile("f", "\r".join(["# version=2022", HEADER, ROW]).encode()))
+    assert one.line.tolist() == [3]
+
+
 def test_a_leap_second_is_a_second_of_its_own() -> None:
     before, there, after = (
         psv("trkSub|stn|obsTime|ra|dec", f"X1|G96|{text}|19.0|5.0")

@@ -110,6 +110,16 @@ def test_comma_separated_records_become_valid_ades() -> None:
     require_valid(ades.write_xml(one).encode())
 
 
+@pytest.mark.parametrize("size_km", [6400.5, 384_400.123456, 1.5e6, 1.234567e8, 2e9, 9e9])
+def test_positions_of_every_size_fit_the_schema(size_km: float) -> None:
+    one = table(SEVERAL)
+    place = np.where(np.isfinite(one.position_km), -size_km * np.array([0.6, 0.0, 0.8]), np.nan)
+    near = one.centre == "earth"
+    one = replace(one, position_km=place, roving=np.zeros(5, dtype=bool)).select(near)
+    require_valid(ades.write_xml(one).encode())
+    np.testing.assert_allclose(table(ades.write_psv(one)).position_km, one.position_km, rtol=2e-10, atol=1e-6)
+
+
 def test_nothing_is_written_of_nothing_nor_with_residuals_of_something_else() -> None:
     one = table(SEVERAL)
     with pytest.raises(InputError, match="no observations to write"):

@@ -3,9 +3,11 @@
 import time
 from pathlib import Path
 
+import erfa
 import numpy as np
 import pytest
 
+from nebosvod.dynamics.constants import AU_KM
 from nebosvod.errors import InputError
 from nebosvod.observation import mpc80
 from nebosvod.observation.mpc80 import parse
@@ -66,6 +68,57 @@ def test_a_spacecraft_is_where_its_second_line_says() -> None:
     np.testing.assert_array_equal(one.position_km, [[504.4738, 5046.9579, 4682.8243]])
     assert (one.centre[0], one.station[0], one.designation[0], one.line[0]) == ("earth", "C51", "454767", 1)
     assert not one.roving[0]
+
+
+def test_a_position_may_be_in_au() -> None:
+    place = S_PLACE[:32] + "2 -0.50000001 +0.12345678 +0.00000001" + S_PLACE[69:]
+    assert len(place) == 80
+    one = read(S_LINE, place)
+    np.testing.assert_allclose(one.position_km[0] / AU_KM, [-0.50000001, 0.12345678, 0.00000001], rtol=1e-14)
+
+
+def test_the_discovery_asterisk_stands_on_the_first_line_only() -> None:
+    one = read(S_LINE[:12] + "*" + S_LINE[13:], S_PLACE)
+    assert bool(one.discovery[0])
+
+
+def test_the_second_line_of_a_deleted_record_goes_with_it() -> None:
+    one = read(GROUND, S_LINE.replace("  S2010", "  X2010"), S_PLACE, V_LINE, V_PLACE, R_LINE, R_PLACE)
+    assert (one.station.tolist(), dict(one.left_out)) == (["703", "270"], {"deleted": 1, "radar": 1})
+    assert len(one.notices) == 2
+
+
+def test_a_roving_observer_stands_where_the_second_line_says() -> None:
+    one = read(V_LINE, V_PLACE)
+    longitude, latitude, height = erfa.gc2gd(1, one.position_km[0] * 1e3)
+    np.testing.assert_allclose(np.degrees([longitude % (2 * np.pi), latitude]), [237.76096, 38.11385], atol=1e-9)
+    assert abs(height) < 1e-3
+    assert bool(one.roving[0])
+
+
+@pytest.mark.parametrize(("text", "worth"), [
+    ("21 31 27.04 +60 10 33.9 ", (0.15, 0.1)), ("21 31 27    +60 10 33   ", (15.0, 1.0)),
+    ("21 31.45    +60 10.5    ", (9.0, 6.0)), ("21 31       +60 10      ", (900.0, 60.0)),
+    ("21 31 27.044+60 10 33.91", (0.015, 0.01)),
+])  # fmt: skip
+def test_the_last_digit_tells_the_precision(text: str, worth: tuple[float, float]) -> None:
+    one = read(GROUND[:32] + text + GROUND[56:])
+    cosine = np.cos(one.psi[0, 1])
+    np.testing.assert_allclose(one.precision_rad[0] / ARCSEC, [worth[0] * cosine, worth[1]], rtol=1e-9)
+    assert abs(np.degrees(one.psi[0, 0]) / 15.0 - 21.52) < 0.01
+    assert abs(np.degrees(one.psi[0, 1]) - 60.17) < 0.01
+
+
+@needs_data
+def test_the_files_of_edge_cases_are_read_as_documented() -> None:
+    wise = mpc80.read(DATA / "j4767_wise_excerpt.txt")
+    assert (len(wise), wise.objects, dict(wise.left_out)) == (12, ("454767",), {"deleted": 1})
+    assert np.isfinite(wise.position_km).all()
+    mixed = mpc80.read(DATA / "obs80_two_line_records.txt")
+    assert mixed.station.tolist() == ["802", "275", "270"]
+    assert mixed.centre.tolist() == ["", "earth", "earth"]
+    assert mixed.mode.tolist() == ["PHO", "OCC", "CCD"]
+    np.testing.assert_array_equal(mixed.position_km[1], [4353.003, -481.61, 1382.34])
 
 
 @pytest.mark.parametrize(("lines", "at", "words"), [
