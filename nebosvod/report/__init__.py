@@ -2,6 +2,7 @@
 
     folder.py      reads a run folder, and says what is wrong with it
     wording.py     numbers, units, names of planes, parameters and sources, as a reader sees them
+    facts.py       what other modules ask of the summary
     verdict.py     the answer in sentences, each made from numbers
     tables.py physical.py            rows for the tables of the page
     chart.py scale.py plate.py       draw a figure as SVG: panels, lines, dots, bars; its axes; the finished figure

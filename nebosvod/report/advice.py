@@ -7,12 +7,12 @@ from markupsafe import Markup
 
 from nebosvod.report.chart import Chart
 from nebosvod.report.download import Download, csv
+from nebosvod.report.facts import leading
 from nebosvod.report.folder import Item, RunFolder
 from nebosvod.report.ledger import best_remedy, ledgers
 from nebosvod.report.plate import BLUE, INK, ORANGE, VERMILION, Plate
 from nebosvod.report.scale import logarithmic, named
 from nebosvod.report.tables import Cell, Table
-from nebosvod.report.verdict import leading
 from nebosvod.report.wording import DASH, NBSP, finite, quantity
 
 GROWTHS: Mapping[float, tuple[str, str]] = {1.0: ("o", BLUE), 10.0: ("s", ORANGE), 50.0: ("^", VERMILION)}

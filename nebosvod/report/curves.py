@@ -8,11 +8,11 @@ from markupsafe import Markup
 
 from nebosvod.report.chart import Chart, Panel
 from nebosvod.report.download import Download, csv
+from nebosvod.report.facts import leading
 from nebosvod.report.folder import Array, Item, RunFolder, slug
 from nebosvod.report.plate import BLUE, GREEN, GREY, INK, PURPLE, Plate
 from nebosvod.report.scale import logarithmic
 from nebosvod.report.tables import Cell, Table
-from nebosvod.report.verdict import leading
 from nebosvod.report.wording import NBSP, finite, quantity, scale_of
 
 WORLDS: Mapping[str, tuple[str, dict[str, Any]]] = {

@@ -9,10 +9,10 @@ from markupsafe import Markup
 from nebosvod.report import wording
 from nebosvod.report.chart import Chart, Panel
 from nebosvod.report.download import Download, csv
+from nebosvod.report.facts import leading, unit_of
 from nebosvod.report.folder import Array, Item, RunFolder, slug
 from nebosvod.report.plate import BLUE, INK, VERMILION, Plate
 from nebosvod.report.scale import linear
-from nebosvod.report.verdict import leading, unit_of
 from nebosvod.report.wording import NBSP, TIMES, number, percent, product, quantity
 
 SLENDER = 12.0  # axis ratio above which an ellipse at true scale is a line, and is drawn along its own axes instead

@@ -9,11 +9,11 @@ from markupsafe import Markup
 from nebosvod.report import wording
 from nebosvod.report.chart import Chart
 from nebosvod.report.download import Download, csv
+from nebosvod.report.facts import grouped, leading, of_telescopes, unit_of
 from nebosvod.report.folder import Item, RunFolder, slug
 from nebosvod.report.plate import BLUE, INK, VERMILION, Plate
 from nebosvod.report.scale import linear, named
 from nebosvod.report.sources import kind_of, look
-from nebosvod.report.verdict import grouped, leading, of_telescopes, unit_of
 from nebosvod.report.wording import finite, join, number, percent, quantity, scale_of
 
 REMEDIES = ("if_vanished", "if_halved")

@@ -19,9 +19,10 @@ from nebosvod.report import (
     wording,
 )
 from nebosvod.report.base import render
+from nebosvod.report.facts import leading, object_name, size
 from nebosvod.report.folder import Item, RunFolder, read_folder
 from nebosvod.report.plate import Plate
-from nebosvod.report.verdict import Verdict, leading, object_name, size, verdict, warnings
+from nebosvod.report.verdict import Verdict, verdict, warnings
 from nebosvod.report.wording import quantity
 
 

@@ -9,8 +9,8 @@ import numpy as np
 from markupsafe import Markup
 
 from nebosvod.report import wording
+from nebosvod.report.facts import formal_ratio, impact_clause, leading, unit_of
 from nebosvod.report.folder import Item, RunFolder
-from nebosvod.report.verdict import formal_ratio, impact_clause, leading, unit_of
 from nebosvod.report.wording import DASH, finite, percent, product, quantity, series
 
 Cell = str | Markup

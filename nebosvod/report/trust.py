@@ -9,11 +9,11 @@ from markupsafe import Markup
 from nebosvod.report import wording
 from nebosvod.report.chart import Chart
 from nebosvod.report.download import csv
+from nebosvod.report.facts import leading, unit_of
 from nebosvod.report.folder import Item, RunFolder
 from nebosvod.report.plate import BLUE, GREEN, INK, PURPLE, VERMILION, Plate
 from nebosvod.report.scale import logarithmic, named
 from nebosvod.report.tables import Cell, Table
-from nebosvod.report.verdict import leading, unit_of
 from nebosvod.report.wording import DASH, NBSP, finite, join, number, percent, quantity, series
 
 KINDS = ("formal", "extended", "worst_correlation", "guaranteed", "monte_carlo")

@@ -8,9 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from nebosvod.report.facts import grouped, impact_clause, kind_of, position_shares
 from nebosvod.report.folder import RunFolder, read_folder
 from nebosvod.report.physical import kappa_partials, kappa_sentence
-from nebosvod.report.verdict import chi2_interval, grouped, kind_of, position_shares, verdict
+from nebosvod.report.trust import nonlinearity_sentence
+from nebosvod.report.verdict import blame_of, chi2_interval, verdict
 
 
 @pytest.fixture(scope="module")
@@ -128,3 +130,34 @@ def test_kappa_before_the_fit_is_the_sum_of_the_priors_and_a_gain_is_said(run: R
     better = kappa_sentence(replace(run, arrays={**run.arrays, "factor_batch": factor}), estimator)
     assert better is not None
     assert "narrow it to 25" in better.striptags()
+
+
+@pytest.mark.parametrize(
+    ("shares", "said"),
+    [
+        ({"bias": 0.50, "mass": 0.41, "albedo": 0.09}, "bias (50 %) and mass (41 %) are about equally to blame for it"),
+        ({"bias": 0.55, "mass": 0.40, "albedo": 0.05}, "bias makes up 55 % of it"),
+        ({"bias": 0.35, "mass": 0.33, "albedo": 0.32}, "bias (35 %), mass (33 %) and albedo (32 %) are about equally"),
+    ],
+)
+def test_sources_that_nearly_tie_are_all_named(shares: dict[str, float], said: str) -> None:
+    text = blame_of(list(shares.items()), [], "it").striptags().replace("\N{NO-BREAK SPACE}", " ")
+    assert text.startswith(said)
+
+
+def test_a_warning_of_linearity_takes_the_green_away(run: RunFolder) -> None:
+    assert verdict(run).tone == "good"
+    assert verdict(run, sound=False).tone == "caution"
+    first = {**run.predictions("batch")[0], "nonlinearity": {"measure": 0.7, "misleads": True}}
+    bent = changed(run, predictions=[first])
+    sentence = nonlinearity_sentence(bent, bent.estimators[0])
+    assert sentence is not None
+    assert "The linear ellipse of encounter misleads" in sentence.striptags()
+
+
+def test_impact_is_told_by_both_ways_and_never_as_a_rounded_zero_or_one() -> None:
+    drawn = {"hits": 3, "runs": 400, "interval_95": [0.0015, 0.0217]}
+    said = impact_clause({"impact_probability_linear": 0.006, "impact_probability_monte_carlo": drawn}).striptags()
+    assert "0.00600 (linear), 3 of 400 drawn orbits" in said.replace("\N{NO-BREAK SPACE}", " ")
+    assert "10⁻¹²" in impact_clause({"impact_probability_linear": 0.0})
+    assert impact_clause({}) == ""
