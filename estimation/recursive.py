@@ -18,7 +18,7 @@ from nebosvod.estimation.batch import prior_rows, solved_triangle
 from nebosvod.estimation.estimate import Estimate, History
 from nebosvod.estimation.partition import Partition
 from nebosvod.estimation.problem import Block, LinearProblem, Markov, White
-from nebosvod.estimation.sources import estimate_of, not_observable
+from nebosvod.estimation.sources import estimate_of, not_observable, prior_draws
 from nebosvod.estimation.square_root import OBSERVABLE_CONDITION, root_rows
 from nebosvod.estimation.whitening import Whitener, add_white, whitened_rows
 
@@ -133,15 +133,7 @@ class _Truth:
         partials = np.array(rows[:, :, :size])
         whitener.adjoint(partials)
         fresh = np.einsum("npi,npw->niw", root_rows(total), partials)
-        draws = sum(source.draw.shape[1] for source in partition.sources)
-        inside, outside = np.zeros((size, draws)), np.zeros((len(partition.left_out), draws))
-        first = 0
-        for source in partition.sources:
-            span = slice(first, first + source.draw.shape[1])
-            count = source.inverse.shape[1]
-            inside[source.unknowns, span] = -(source.inverse @ source.draw[:count])
-            outside[source.left_out, span] = source.draw[count:]
-            first = span.stop
+        inside, outside = prior_draws(partition)
         return cls(known=True, differs=True, rows=fresh, inside=inside, outside=outside)
 
 

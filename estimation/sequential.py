@@ -21,7 +21,7 @@ from nebosvod.estimation.batch import prior_rows
 from nebosvod.estimation.estimate import Estimate, Solution, Status
 from nebosvod.estimation.partition import Partition
 from nebosvod.estimation.problem import LinearProblem
-from nebosvod.estimation.sources import not_observable, residual_after, weak_direction
+from nebosvod.estimation.sources import not_observable, prior_draws, residual_after, weak_direction
 from nebosvod.estimation.square_root import append_rows, conditioning, gram_factor, solve_lower, solve_rows
 from nebosvod.estimation.whitening import Whitener, projected, whitened_rows
 
@@ -94,15 +94,7 @@ class _Sweep:
     def start(cls, problem: LinearProblem, partition: Partition) -> "_Sweep":
         """Begin at the priors."""
         size = partition.n_unknowns
-        draws = sum(source.draw.shape[1] for source in partition.sources)
-        common, outside = np.zeros((size, draws)), np.zeros((len(partition.left_out), draws))
-        first = 0
-        for source in partition.sources:
-            span = slice(first, first + source.draw.shape[1])
-            count = source.inverse.shape[1]
-            common[source.unknowns, span] = -(source.inverse @ source.draw[:count])
-            outside[source.left_out, span] = source.draw[count:]
-            first = span.stop
+        common, outside = prior_draws(partition)
         return cls(
             size=size,
             y=np.zeros((size, 1)),

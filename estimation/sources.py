@@ -250,6 +250,25 @@ def _common_factor(partition: Partition, source: CommonSource, solved: Solved) -
     return factor, gain
 
 
+def prior_draws(partition: Partition) -> tuple[Array, Array]:
+    """How the D unit draws of all priors, in truth, enter an estimate that has seen no measurement.
+
+    Returns
+    -------
+    inside : shape (s_y, D), error of the unknowns.
+    outside : shape (s_j, D), true deviation of the parameters left out from their assumed mean.
+    """
+    count = sum(source.draw.shape[1] for source in partition.sources)
+    inside, outside = np.zeros((partition.n_unknowns, count)), np.zeros((len(partition.left_out), count))
+    first = 0
+    for source in partition.sources:
+        span, estimated = slice(first, first + source.draw.shape[1]), source.inverse.shape[1]
+        inside[source.unknowns, span] = -(source.inverse @ source.draw[:estimated])
+        outside[source.left_out, span] = source.draw[estimated:]
+        first = span.stop
+    return inside, outside
+
+
 def measurement_gain(problem: LinearProblem) -> Array:
     """Return M_v^T (n, p, s) of the batch estimator: how each measurement moves each estimated parameter.
 
