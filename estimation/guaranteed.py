@@ -18,6 +18,7 @@ from nebosvod.estimation.partition import Partition
 from nebosvod.estimation.problem import LinearProblem
 from nebosvod.estimation.square_root import covariance_factor
 from nebosvod.estimation.whitening import raw_rows
+from nebosvod.estimation.zonogon import Segments, largest
 
 Array = npt.NDArray[np.float64]
 
@@ -86,13 +87,38 @@ def largest_error(
     Notes
     -----
     The set of errors inside the boxes that leave no residual is symmetric, so one programme a component finds both
-    ends. By duality it is the error of the linear estimator whose worst case is smallest. Arguments, errors as `bound`.
+    ends. By duality it is the error of the linear estimator whose worst case is smallest. Measurements of one or two
+    components go by `zonogon`, which has no column for a nuisance. Arguments, errors as `bound`.
     """
     silent = replace(
         problem,
         residual=np.zeros_like(problem.residual),
         priors=tuple(replace(prior, mean=None) for prior in problem.priors),
     )
+    if problem.p > 2:
+        return _by_draws(silent, W, names, level)
+    partition = Partition.of(silent)
+    _require_boxes(silent)
+    spread = _spread(partition)
+    n, p = problem.n, problem.p
+    partials = np.delete(raw_rows(silent, partition), len(partition.estimated), axis=2)
+    sigma = np.sqrt(np.einsum("npp->np", np.broadcast_to(problem.truth, (n, p, p))))
+    parts = [(np.arange(n), np.broadcast_to(np.eye(p), (n, p, p)))]
+    for white in problem.white:
+        if white.treatment != "fixed":
+            ends = _white_ends(white.H, white.truth, white.name) / sigma[white.rows][:, None, :]
+            parts.append((white.rows, ends))
+    return largest(
+        (partials @ spread) / (level * sigma)[:, :, None],
+        Segments.of(parts, n, p),
+        boxed=spread.shape[1] - partition.n_free,
+        level=level,
+        objective=_over_all(partition, W, names) @ spread,
+    )
+
+
+def _by_draws(silent: LinearProblem, W: npt.ArrayLike, names: tuple[str, ...] | None, level: float) -> Array:
+    """Largest error with a column for each draw of a white nuisance, whatever the size of a measurement."""
     partition = Partition.of(silent)
     _require_boxes(silent)
     polytope, spread = _polytope(silent, partition, level)
@@ -193,13 +219,20 @@ def _spread(partition: Partition) -> Array:
 def _white_columns(problem: LinearProblem, H: Array, Q: Array, rows: npt.NDArray[np.int64], name: str) -> csr_matrix:
     """Sparse columns of a white nuisance's unit draws, q for each touched measurement."""
     n_r, p, _ = H.shape
-    roots = [covariance_factor(each, name) for each in Q]
-    parts = H @ roots[0] if len(roots) == 1 else np.stack([h @ _square(root) for h, root in zip(H, roots)])
+    parts = _white_ends(H, Q, name).transpose(0, 2, 1)
     q = parts.shape[2]
     row = (rows[:, None, None] * p + np.arange(p)[None, :, None]) * np.ones((1, 1, q), dtype=np.int64)
     column = (np.arange(n_r)[:, None, None] * q + np.arange(q)[None, None, :]) * np.ones((1, p, 1), dtype=np.int64)
     shape = (problem.n * p, n_r * q)
     return csr_matrix((parts.reshape(-1), (row.reshape(-1), column.reshape(-1))), shape=shape)
+
+
+def _white_ends(H: Array, Q: Array, name: str) -> Array:
+    """What a unit draw of each component (n, q, p) of a white nuisance adds to the measurements it touches."""
+    roots = [covariance_factor(each, name) for each in Q]
+    parts = H @ roots[0] if len(roots) == 1 else np.stack([h @ _square(root) for h, root in zip(H, roots)])
+    ends: Array = parts.transpose(0, 2, 1)
+    return ends
 
 
 def _square(root: Array) -> Array:

@@ -136,11 +136,12 @@ def _common_source(
     n_inside = sum(name in place for name in names)
     inside = live[:n_inside]
     factor = covariance_factor(prior.covariance[np.ix_(inside, inside)], f"prior {prior.name}")
-    draw = covariance_factor(prior.truth[np.ix_(live, live)], f"prior {prior.name}")
+    draw = factor
+    if prior.true_covariance is not None or n_inside < len(live):
+        draw = covariance_factor(prior.truth[np.ix_(live, live)], f"prior {prior.name}")
     unit = np.sqrt(np.einsum("kr,kr->k", factor, factor))
     unit[unit == 0.0] = 1.0
-    # Rows are brought to correlation units first, or the cut-off of pinv would drop the small parameters.
-    inverse = np.linalg.pinv(factor / unit[:, None], rcond=100 * EPS) / unit
+    inverse = _left_inverse(factor, unit)
     lost = draw[:n_inside] - factor @ (inverse @ draw[:n_inside])
     if np.abs(lost / unit[:, None]).max(initial=0.0) > 1e-6:
         raise InputError(
@@ -156,3 +157,12 @@ def _common_source(
         draw=draw,
     )
     return source, factor, assert_mean[live]
+
+
+def _left_inverse(factor: Array, unit: Array) -> Array:
+    """Left inverse (r, k) of a factor (k, r) whose rows have the lengths `unit`."""
+    if np.count_nonzero(factor) == factor.shape[0] == factor.shape[1] == np.count_nonzero(factor.diagonal()):
+        return np.diag(1.0 / factor.diagonal())  # independent parameters, and the commonest case
+    # Rows are brought to correlation units first, or the cut-off of pinv would drop the small parameters.
+    inverse: Array = np.linalg.pinv(factor / unit[:, None], rcond=100 * EPS) / unit
+    return inverse

@@ -44,6 +44,8 @@ def covariance_factor(covariance: Array, what: str) -> Array:
     if (variances < 0.0).any():
         raise InputError(f"{what}: covariance has a negative variance ({variances.min():.6g})")
     sigma = np.sqrt(variances)
+    if size and np.count_nonzero(covariance) == size == np.count_nonzero(variances) and np.isfinite(sigma).all():
+        return np.diag(sigma)  # independent components, and the commonest case
     unit = np.where(sigma > 0.0, sigma, 1.0)
     correlation = covariance / unit[:, None] / unit[None, :]
     if np.abs(correlation - correlation.T).max(initial=0.0) > 1e-9:

@@ -136,7 +136,9 @@ class _Search:
     def _totals(self, estimate: Estimate) -> Array:
         if estimate.solution is None:
             return np.full(len(self.W), np.inf)
-        return np.array([np.sqrt(sum(np.sum(G**2) for G in estimate.predict(*one).factors.values())) for one in self.W])
+        both = np.hstack([np.zeros((len(estimate.names + estimate.left_out), 0)), *estimate.solution.factors.values()])
+        place = {name: index for index, name in enumerate(estimate.names + estimate.left_out)}
+        return np.array([np.linalg.norm(W @ both[[place[name] for name in names]]) for W, names in self.W])
 
     def perfect(self, index: int) -> float | None:
         """Total sigma of a quantity were the position known exactly; None if even then it is not determined."""

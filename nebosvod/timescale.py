@@ -10,6 +10,7 @@ import math
 import re
 import warnings
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Literal
 
 import erfa
@@ -19,6 +20,7 @@ import numpy.typing as npt
 from nebosvod.errors import InputError
 
 SECONDS_PER_DAY = 86400.0
+KEPT_EPOCHS = 20_000
 Integers = npt.NDArray[np.int64]
 Scale = Literal["tdb", "tt", "utc"]
 SCALES: tuple[Scale, ...] = ("tdb", "tt", "utc")
@@ -145,8 +147,22 @@ def tdb_from_utc(
 
 
 def _tdb_minus_tt(jd1: npt.ArrayLike, jd2: npt.ArrayLike) -> npt.NDArray[np.float64]:
-    """TDB - TT in seconds at the geocentre; the argument may be in either scale."""
-    offset: npt.NDArray[np.float64] = erfa.dtdb(jd1, jd2, 0.0, 0.0, 0.0, 0.0)
+    """TDB - TT in seconds at the geocentre; the argument may be in either scale.
+
+    The series has 800 terms, and a fit asks for the same epochs at each iteration: the last few answers are kept.
+    """
+    if np.ndim(jd1) != 1 or np.shape(jd1) != np.shape(jd2) or np.size(jd1) > KEPT_EPOCHS:
+        offset: npt.NDArray[np.float64] = erfa.dtdb(jd1, jd2, 0.0, 0.0, 0.0, 0.0)
+        return offset
+    days = (np.ascontiguousarray(jd, dtype=np.float64).tobytes() for jd in (jd1, jd2))
+    return _kept_tdb_minus_tt(*days)
+
+
+@lru_cache(maxsize=16)
+def _kept_tdb_minus_tt(jd1: bytes, jd2: bytes) -> npt.NDArray[np.float64]:
+    """TDB - TT of arrays given by their bytes; the answer is shared, so it cannot be written to."""
+    offset: npt.NDArray[np.float64] = erfa.dtdb(np.frombuffer(jd1), np.frombuffer(jd2), 0.0, 0.0, 0.0, 0.0)
+    offset.setflags(write=False)
     return offset
 
 
