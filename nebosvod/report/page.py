@@ -72,10 +72,9 @@ def _verdict(run: RunFolder, main: Item | None) -> Verdict:
     """The answer in words, with what the other modules know of trust and advice."""
     if main is None:
         return verdict(run)
-    bent = [p for p in leading(run, main) if (p.get("nonlinearity") or {}).get("misleads")]
     told = [f(run, main) for f in (trust.consistency_sentence, trust.nonlinearity_sentence, trust.worst_sentence)]
     helps = [advice.remedy_sentence(run, main), advice.required_sentence(run, 10.0), advice.plan_sentence(run)]
-    return verdict(run, told, helps, sound=not bent)
+    return verdict(run, told, helps, sound=not trust.doubtful(run, main))
 
 
 def _tiles(run: RunFolder, main: Item | None) -> list[tuple[str, Markup]]:

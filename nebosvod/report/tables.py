@@ -100,7 +100,7 @@ def fact_table(run: RunFolder, estimator: Item) -> Table | None:
         if mean and any(mean):
             names = wording.axis_names(p["plane"], len(mean))
             facts[:0] = [Markup("{} = {}").format(n, quantity(v, unit_of(p), 6)) for n, v in zip(names, mean)]
-        text = Markup("; ").join(facts) + impact_clause(p)
+        text = Markup("; ").join(facts) + "." + impact_clause(p)
         if text:
             rows.append((p["name"], text))
     return Table(caption="Nominal values of the predictions", head=("prediction", "values"), align="ll",

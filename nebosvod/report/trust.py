@@ -155,8 +155,8 @@ def comparison_table(run: RunFolder, estimator: Item) -> Table | None:
         caption=Markup(
             "Five accuracies of every predicted component (1σ; guaranteed: the largest error if none exceeds {}σ)"
         ).format(number(level, 1)),
-        head=("component", "formal", "extended", "worst correlation", "bound for any correlation", "guaranteed bound",
-              "Monte Carlo (99 % interval)", "how they agree"),
+        head=("component", "formal", "extended", "worst correlation", "any correlation", "guaranteed bound",
+              "Monte Carlo, 99 %", "how they agree"),
         align="lrrrrrrw", rows=tuple(rows),
     )  # fmt: skip
 
@@ -212,18 +212,31 @@ def nonlinearity_table(run: RunFolder, estimator: Item) -> Table | None:
 
 
 def nonlinearity_sentence(run: RunFolder, estimator: Item) -> Markup | None:
-    """Whether the linear ellipses may be used."""
+    """Whether the linear ellipses may be used, and of which predictions that cannot be told."""
     bent = [(p["name"], p["nonlinearity"]) for p in leading(run, estimator) if p.get("nonlinearity")]
     known = [(name, one["measure"]) for name, one in bent if finite(one.get("measure"))]
-    if not known:
-        return None
-    name, largest = max(known, key=lambda item: item[1])
+    unknown = [(name, one["reason"]) for name, one in bent if one.get("reason")]
     wrong = [name for name, one in bent if one.get("misleads")]
+    said = []
     if wrong:
-        return Markup("The linear ellipse of {} misleads: its second-order term reaches {}{}{}.").format(
-            join(wrong), quantity(largest, "", 2), NBSP, "σ")  # fmt: skip
-    return Markup("The predictions are linear enough: second-order terms stay below {}{}σ ({}).").format(
-        quantity(largest, "", 2), NBSP, name)  # fmt: skip
+        largest = max(measure for _, measure in known)
+        said.append(Markup("The linear ellipse of {} misleads: its second-order term reaches {}{}σ.").format(
+            join(wrong), quantity(largest, "", 2), NBSP))  # fmt: skip
+    elif known:
+        name, largest = max(known, key=lambda item: item[1])
+        which = "The other predictions" if unknown else "The predictions"
+        said.append(Markup("{} are linear enough: second-order terms stay below {}{}σ ({}).").format(
+            which, quantity(largest, "", 2), NBSP, name))  # fmt: skip
+    for reason in dict.fromkeys(reason for _, reason in unknown):
+        names = join(name for name, one in unknown if one == reason)
+        said.insert(0, Markup("How far the linear ellipse of {} holds is not known: {}.").format(names, reason))
+    return Markup(" ").join(said) if said else None
+
+
+def doubtful(run: RunFolder, estimator: Item) -> bool:
+    """True where a linear ellipse misleads, or it cannot be told whether it does."""
+    every = [p.get("nonlinearity") or {} for p in leading(run, estimator)]
+    return any(one.get("misleads") or one.get("reason") for one in every)
 
 
 def consistency_sentence(run: RunFolder, estimator: Item) -> Markup | None:

@@ -11,7 +11,7 @@ import pytest
 from nebosvod.report.facts import grouped, impact_clause, kind_of, position_shares
 from nebosvod.report.folder import RunFolder, read_folder
 from nebosvod.report.physical import kappa_partials, kappa_sentence
-from nebosvod.report.trust import nonlinearity_sentence
+from nebosvod.report.trust import doubtful, nonlinearity_sentence
 from nebosvod.report.verdict import blame_of, chi2_interval, verdict
 
 
@@ -153,6 +153,17 @@ def test_a_warning_of_linearity_takes_the_green_away(run: RunFolder) -> None:
     sentence = nonlinearity_sentence(bent, bent.estimators[0])
     assert sentence is not None
     assert "The linear ellipse of encounter misleads" in sentence.striptags()
+    second = {**run.predictions("batch")[1], "nonlinearity": {"measure": 0.02, "misleads": False}}
+    lost = {**first, "nonlinearity": {"measure": None, "misleads": None, "reason": "an orbit misses"}}
+    open_question = changed(run, predictions=[lost, second])
+    sentence = nonlinearity_sentence(open_question, open_question.estimators[0])
+    assert sentence is not None
+    assert sentence.striptags().startswith(
+        "How far the linear ellipse of encounter holds is not known: an orbit misses."
+    )
+    assert "The other predictions are linear enough" in sentence.striptags()
+    assert doubtful(open_question, open_question.estimators[0])
+    assert not doubtful(changed(run, predictions=[second]), run.estimators[0])
 
 
 def test_impact_is_told_by_both_ways_and_never_as_a_rounded_zero_or_one() -> None:
