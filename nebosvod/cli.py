@@ -43,6 +43,7 @@ def app() -> None:
         nebosvod validate my.yaml         can its sigmas be believed?
         nebosvod plan my.yaml -p NAME     what to measure next
         nebosvod compare DIR DIR          runs side by side
+        nebosvod fit FILE...              an orbit from real observations
 
     Exit codes: 0 done, 1 finished but not trustworthy (not observable, not converged, nothing visible),
     2 wrong input, 3 missing data, disk or permission, 4 internal error, 130 interrupted.
@@ -186,6 +187,8 @@ def validate(
 @click.option("--from", "start", help="First candidate epoch, as in a mission file [default: the mission's schedule].")
 @click.option("--to", "end", help="Last candidate epoch.")
 @click.option("--step", help='From one candidate epoch to the next, as "6 h".')
+@click.option("--exposures", type=int, default=1, show_default=True, help="Exposures of a visit.")
+@click.option("--spacing", help='From one exposure of a visit to the next, as "1 min".')
 @click.option("--visit-time", multiple=True, help='Time of a visit, "2 h" or TELESCOPE="30 min" [default: 1 h].')
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="Also write the result to this new .json file.")
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON, and nothing else, on stdout.")
@@ -198,6 +201,8 @@ def plan(
     start: str | None,
     end: str | None,
     step: str | None,
+    exposures: int,
+    spacing: str | None,
     visit_time: tuple[str, ...],
     output: Path | None,
     as_json: bool,
@@ -214,7 +219,8 @@ def plan(
     from nebosvod.result import json_text, write_new_text
 
     loaded = load_mission(mission)
-    wish = read_wish(loaded, prediction, visits, estimator, criterion, (start, end, step), visit_time)
+    window = (start, end, step)
+    wish = read_wish(loaded, prediction, visits, estimator, criterion, window, visit_time, exposures, spacing)
     found = plan_mission(loaded, wish, _progress())
     if output is not None:
         write_new_text(output, json_text(found))
@@ -260,12 +266,48 @@ def report(folder: Path, pdf: bool) -> int:
 
 
 @app.command()
-def schema() -> int:
+@click.option("--fit", "of_fit", is_flag=True, help="Of a file for nebosvod fit.")
+def schema(of_fit: bool) -> int:
     """Print the JSON Schema of the mission file."""
-    from nebosvod.mission import mission_schema
+    from nebosvod.mission.schema import fit_schema, mission_schema
 
-    click.echo(json.dumps(mission_schema(), indent=2, ensure_ascii=False))
+    click.echo(json.dumps(fit_schema() if of_fit else mission_schema(), indent=2, ensure_ascii=False))
     return 0
+
+
+@app.command(short_help="Fit an orbit to real observations.")
+@click.argument("files", nargs=-1, metavar="FILE...")
+@click.option("-o", "--output", type=click.Path(path_type=Path), help="Run folder [default: ./<name>-fit].")
+@click.option("--object", "designation", help="Designation of the object to fit, where files hold several.")
+@click.option("--split", is_flag=True, help="Fit every object of the files by itself, a folder for each.")
+@click.option(
+    "--export", is_flag=True, help="Also write the orbit as orbit.oem (CCSDS, with covariance) and orbit.bsp."
+)
+@click.option("--overwrite", is_flag=True, help="Replace an earlier fit in the same folder.")
+@click.option("--json", "as_json", is_flag=True, help="Print summary.json, and nothing else, on stdout.")
+def fit(
+    files: tuple[str, ...],
+    output: Path | None,
+    designation: str | None,
+    split: bool,
+    export: bool,
+    overwrite: bool,
+    as_json: bool,
+) -> int:
+    """Fit an orbit to real astrometry: FILE... are observations (ADES or MPC 80-column), or one .yaml with a fit block.
+
+    Exit code 1 when the observations do not give an orbit that can be relied on: not observable, not converged.
+
+    \b
+    Example:  nebosvod fit 2023DW.obs80
+              nebosvod fit mission.yaml -o dw --overwrite
+    """
+    from nebosvod.fit.command import fit_every, fit_one, resolved
+
+    mission = resolved(files, designation)
+    folder = output if output is not None else Path(f"{mission.slug}-fit")
+    run_all = fit_every if split else fit_one
+    return EXIT_QUALITY if run_all(mission, folder, overwrite, as_json, export, _progress()) else 0
 
 
 def _progress() -> Callable[[str], None]:

@@ -11,7 +11,7 @@ import json
 import os
 import shutil
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from io import BytesIO, StringIO
 from pathlib import Path
 from types import TracebackType
@@ -37,12 +37,13 @@ class Table:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Result:
-    """Everything a run found: the summary, the arrays behind it, tables, and where it all came from."""
+    """Everything a run found: the summary, the arrays behind it, tables, further files, and where it all came from."""
 
     summary: Mapping[str, Any]
     manifest: Mapping[str, Any]
     arrays: Mapping[str, npt.NDArray[Any]]
     tables: Mapping[str, Table]
+    files: Mapping[str, bytes] = field(default_factory=dict)
 
     @property
     def failed(self) -> bool:
@@ -210,26 +211,35 @@ class RunFolder:
 
 def write_files(folder: Path, result: Result) -> None:
     """Write every file of a run into `folder`: the report from the files, the manifest last, with their hashes."""
-    from nebosvod.report.page import make_report
-
     (folder / "tables").mkdir()
     for name, table in result.tables.items():
         (folder / "tables" / f"{name}.ecsv").write_text(ecsv_text(table), "utf-8")
     (folder / "summary.json").write_text(result.summary_text(), "utf-8")
     (folder / "arrays.npz").write_bytes(npz_bytes(result.arrays))
+    for name, content in result.files.items():
+        (folder / name).write_bytes(content)
     (folder / "manifest.json").write_text(json_text(result.manifest), "utf-8")
-    (folder / "report.html").write_text(make_report(folder), "utf-8")
+    (folder / "report.html").write_text(report_text(folder), "utf-8")
     _write_manifest(folder, result.manifest)
+
+
+def report_text(folder: Path) -> str:
+    """The report of a run folder, by what kind of run it is."""
+    if json.loads((folder / "summary.json").read_text("utf-8")).get("kind") == "fit":
+        from nebosvod.report.fit_page import make_fit_report
+
+        return make_fit_report(folder)
+    from nebosvod.report.page import make_report
+
+    return make_report(folder)
 
 
 def rewrite_report(folder: Path, *, pdf: bool = False) -> Path:
     """Make report.html (and report.pdf) anew from the files of a run; returns the path of the page."""
-    from nebosvod.report.page import make_report
-
     require_run_folder(folder)
     fresh = folder / ".report.html.partial"
     try:
-        fresh.write_text(make_report(folder), "utf-8")
+        fresh.write_text(report_text(folder), "utf-8")
         fresh.replace(folder / "report.html")
         if pdf:
             from nebosvod.report.pdf import print_pdf

@@ -24,7 +24,13 @@ AT_ONCE = 0.02  # rad, rms: an orbit that is this near on the whole arc needs no
 
 
 def grow(
-    sky: Sky, x: Array, forces: ForceModel, thresholds: Thresholds | None, *, prior: Knowledge | None = None
+    sky: Sky,
+    x: Array,
+    forces: ForceModel,
+    thresholds: Thresholds | None,
+    *,
+    prior: Knowledge | None = None,
+    half_s: float = FIRST_S,
 ) -> Selected:
     """Fit the observations about the epoch of the sky first, then ever more of them, at last all.
 
@@ -32,6 +38,7 @@ def grow(
     ----------
     sky : counted from the epoch of the rough orbit.
     x : shape (6 + m,), that orbit.
+    half_s : half of the span over which it is known to fit.
 
     Raises
     ------
@@ -39,7 +46,7 @@ def grow(
         If not even the observations nearest to its epoch can be reached.
     """
     distance = np.abs(sky.t_s)
-    half = max(FIRST_S, float(np.sort(distance)[min(LEAST, len(sky)) - 1]))
+    half = max(half_s, float(np.sort(distance)[min(LEAST, len(sky)) - 1]))
     last: Selected | None = None
     inside = distance <= half
     while True:

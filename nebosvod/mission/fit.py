@@ -9,7 +9,7 @@ from pydantic import Field, PrivateAttr
 
 from nebosvod.errors import InputError
 from nebosvod.mission.covariance import Array, Matrix
-from nebosvod.mission.fields import Block, KeyPath, PositiveNumber, Several, Text, When
+from nebosvod.mission.fields import Block, Duration, KeyPath, PositiveNumber, Several, Text, When
 from nebosvod.mission.model import DEFAULT_ESTIMATOR, CovariancePrior, Mission
 from nebosvod.mission.orbit import Frame, SbdbOrbit, StateOrbit
 from nebosvod.mission.request import Arc, Estimator, TelescopeNames, internal_covariance, scales
@@ -155,6 +155,9 @@ class FitPlan(Block):
     epoch: When | None = Field(None, description="Of the answer; 0h TDB amid the observations when absent")
     epochs: Annotated[Several[When], Field(max_length=1000, description="More epochs for the table of states")] = ()
     iterations: Annotated[int, Field(ge=1, le=200, description="Cap of Gauss-Newton iterations")] = 30
+    clock: Duration = Field(
+        1.0, description="Sigma of the time of records on the ground that state none; 1 s if absent"
+    )
     noise_scale: PositiveNumber = Field(1.0, description="Factor on every sigma of the observations")
     reference: Reference | None = None
 

@@ -57,7 +57,7 @@ def _stations(mission: FitMission) -> Iterator[Complaint]:
             named += [(("fit", "uncertainty", i, "stations", j), code) for j, code in enumerate(entry.stations)]
     for path, code in named:
         if not obscodes.known(code):
-            yield path, obscodes.unknown(code)
+            yield path, f'{obscodes.unknown(code)} (got "{shown(code, 20)}")'
 
 
 def unknown(wanted: str, known: Iterable[str], what: str) -> str:

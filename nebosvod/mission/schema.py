@@ -3,6 +3,7 @@
 import copy
 from typing import Any
 
+from nebosvod.mission.fit import NOT_HERE, FitMission
 from nebosvod.mission.model import Mission
 
 _SUFFIX = "Like"
@@ -27,6 +28,25 @@ def mission_schema() -> dict[str, Any]:
         "title": "nebosvod mission",
         **{key: value for key, value in schema.items() if key not in ("title", "$defs")},
         "$defs": dict(sorted(definitions.items())),
+    }
+
+
+def fit_schema() -> dict[str, Any]:
+    """JSON Schema (draft 2020-12) of a file for `nebosvod fit`, without the keys of a simulated mission."""
+    schema = FitMission.model_json_schema(by_alias=True)
+    schema["properties"] = {key: value for key, value in schema["properties"].items() if key not in NOT_HERE}
+    used = {name for value in schema["properties"].values() for ref in _references(value) for name in [ref]}
+    definitions = schema["$defs"]
+    kept = {
+        name: definitions[name]
+        for start in sorted(used)
+        for name in _reachable(start.removeprefix("#/$defs/"), definitions)
+    }
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "nebosvod fit",
+        **{key: value for key, value in schema.items() if key not in ("title", "$defs")},
+        "$defs": dict(sorted(kept.items())),
     }
 
 

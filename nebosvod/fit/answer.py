@@ -1,0 +1,169 @@
+"""What a fit answers: the orbit at the epochs asked for, predictions, the comparison, residuals by record and station.
+
+OrbitFit (arrays) -> Answer (numbers with names) -> summary, tables, report, terminal.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from nebosvod.blame import Worlds, prediction_rows, state_rows
+from nebosvod.dynamics import Trajectory
+from nebosvod.errors import InputError
+from nebosvod.fit.engine import OrbitFit
+from nebosvod.fit.orbit import OrbitAt, compared, orbit_at
+from nebosvod.fit.stage import long_trajectory
+from nebosvod.nonlinearity import nonlinearity
+from nebosvod.predictions import Quantity, prediction_row, quantity
+from nebosvod.prior import STATE_NAMES
+from nebosvod.scene import Scene
+
+Array = npt.NDArray[np.float64]
+Rows = Sequence[Mapping[str, Any]]
+ARCSEC = np.pi / (180.0 * 3600.0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Answer:
+    """Everything a fit says.
+
+    Attributes
+    ----------
+    fit : what it was made from.
+    trajectory : the fitted orbit over all that is asked for; None where the fit has no covariance.
+    orbit : state and elements at the epoch of the answer; further : at the other epochs asked for.
+    budget, predictions, reference : rows for the summary.
+    """
+
+    fit: OrbitFit
+    trajectory: Trajectory | None
+    orbit: OrbitAt | None
+    amid: OrbitAt | None
+    further: tuple[OrbitAt, ...]
+    budget: Rows
+    predictions: Rows
+    quantities: tuple[Quantity, ...]
+    reference: Mapping[str, Any] | None
+
+
+def answer(found: OrbitFit) -> Answer:
+    """Evaluate a fit where its file asks for it.
+
+    Raises
+    ------
+    EventError, CoverageError
+        If the orbit hits a body, or the ephemeris ends, before an epoch asked for.
+    InputError
+        If there is no encounter of the kind asked for.
+    """
+    fit, mission = found.general.fit, found.mission
+    estimate, epoch = fit.estimate, mission.reference_epoch
+    if estimate.solution is None:
+        return Answer(
+            fit=found, trajectory=None, orbit=None, amid=None, further=(), budget=(), predictions=(), quantities=(),
+            reference=None,
+        )  # fmt: skip
+    forces = found.general.scene.forces.with_values(fit.point.parameters)
+    t_s = fit.observation.t_s
+    trajectory = long_trajectory(mission, fit.point.state, forces, (float(t_s.min()), float(t_s.max())))
+    scene = replace(found.general.scene, trajectory=trajectory, span_s=trajectory.span_s, forces=forces)
+    worlds = Worlds(now=estimate, then={})
+    amid = orbit_at(estimate, trajectory, 0.0)
+    asked, rows = _predicted(scene, found, trajectory, worlds)
+    reference = mission.fit.reference
+    return Answer(
+        fit=found,
+        trajectory=trajectory,
+        orbit=amid if mission.fit.epoch is None else orbit_at(estimate, trajectory, mission.fit.epoch - epoch),
+        amid=amid,
+        further=tuple(orbit_at(estimate, trajectory, when - epoch) for when in mission.fit.epochs),
+        budget=state_rows(scene, fit, worlds),
+        predictions=rows,
+        quantities=asked,
+        reference=None if reference is None else compared(reference, mission, amid, forces),
+    )
+
+
+def _predicted(
+    scene: Scene, found: OrbitFit, trajectory: Trajectory, worlds: Worlds
+) -> tuple[tuple[Quantity, ...], list[dict[str, Any]]]:
+    """The predictions asked for, and their rows with sigma, ellipse, budget and the curvature behind them."""
+    mission, fit = found.mission, found.general.fit
+    try:
+        asked = tuple(quantity(scene, trajectory, request) for request in mission.predictions)
+    except InputError as error:
+        raise InputError(f"{mission.path or mission.name}: {error}") from None
+    if not asked:
+        return (), []
+    curved = nonlinearity(scene, fit, asked)
+    rows = [
+        prediction_row(one, fit.estimate, fit.estimator.name, prediction_rows(scene, worlds, one), bend)
+        for one, bend in zip(asked, curved)
+    ]
+    return asked, rows
+
+
+def station_rows(found: OrbitFit) -> list[dict[str, Any]]:
+    """Residuals by station: how many observations, how many selected, root mean square and mean of the selected."""
+    general, station = found.general, found.material.astrometry.station
+    v = general.residual / ARCSEC
+    rows = []
+    for code in found.material.astrometry.stations:
+        mine = station == code
+        kept = mine & general.selected
+        some = v[kept] if kept.any() else np.full((1, 2), np.nan)
+        rms, mean = np.sqrt(np.mean(some**2, axis=0)), np.mean(some, axis=0)
+        rows.append(
+            {
+                "station": code,
+                "n_observations": int(mine.sum()),
+                "n_selected": int(kept.sum()),
+                "rms_ra_arcsec": _number(rms[0]),
+                "rms_dec_arcsec": _number(rms[1]),
+                "mean_ra_arcsec": _number(mean[0]),
+                "mean_dec_arcsec": _number(mean[1]),
+            }
+        )
+    return sorted(rows, key=lambda row: -row["n_observations"])
+
+
+def rejected_rows(found: OrbitFit) -> list[dict[str, Any]]:
+    """Every observation left out, with its residual and chi, in the order of time."""
+    general, records = found.general, found.material.astrometry
+    v = general.residual / ARCSEC
+    return [
+        {
+            "utc": str(records.utc[row]),
+            "station": str(records.station[row]),
+            "residual_ra_arcsec": float(v[row, 0]),
+            "residual_dec_arcsec": float(v[row, 1]),
+            "chi": _number(np.sqrt(general.chi2[row])),
+            "file": str(records.path[row]),
+            "line": int(records.line[row]),
+        }
+        for row in np.flatnonzero(~general.selected)
+    ]
+
+
+def parameter_sigmas(found: OrbitFit) -> dict[str, tuple[float, float]]:
+    """Value and sigma of every estimated quantity beside the state, in the units of its name."""
+    fit = found.general.fit
+    if fit.estimate.solution is None:
+        return {}
+    values = fit.point.values
+    return {name: (values[name], fit.estimate.sigma(name)) for name in fit.estimate.names if name not in STATE_NAMES}
+
+
+def rms_arcsec(found: OrbitFit) -> tuple[float, float, float]:
+    """Root mean square of the selected residuals in RA*, Dec and both, arcsec."""
+    v = found.general.residual[found.general.selected] / ARCSEC
+    rms = np.sqrt(np.mean(v**2, axis=0))
+    return float(rms[0]), float(rms[1]), float(np.sqrt(np.mean(v**2)))
+
+
+def _number(value: float) -> float | None:
+    """The number, or None where there is none."""
+    return float(value) if np.isfinite(value) else None

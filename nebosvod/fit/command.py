@@ -1,0 +1,77 @@
+"""What `nebosvod fit` does: files in, run folders and a few lines on the terminal out."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import click
+
+from nebosvod.dynamics import Ephemeris
+from nebosvod.errors import InputError, NebosvodError
+from nebosvod.fit.outcome import every, fitted, mission_of, objects
+from nebosvod.fit.terminal import print_fit, print_line
+from nebosvod.mission import FitMission, load_fit
+from nebosvod.mission.fields import slug
+from nebosvod.result import RunFolder, json_text
+
+Say = Callable[[str], None]
+SETTINGS = (".yaml", ".yml")
+
+
+def resolved(files: Sequence[str], designation: str | None) -> FitMission:
+    """The fit of a settings file, or of plain files of observations.
+
+    Raises
+    ------
+    InputError
+        If a settings file stands beside others, or is wrong.
+    """
+    settings = [file for file in files if Path(file).suffix in SETTINGS]
+    if not settings:
+        return mission_of(files, designation)
+    if len(files) > 1:
+        raise InputError(f"{settings[0]}: is a settings file and names its observations itself; give it alone")
+    mission = load_fit(settings[0])
+    if designation is None:
+        return mission
+    made = mission.model_copy(update={"fit": mission.fit.model_copy(update={"designation": designation})})
+    made._path, made._text = mission._path, mission._text
+    return made
+
+
+def fit_one(
+    mission: FitMission, folder: Path, overwrite: bool, as_json: bool, export: bool, say: Callable[[str], None]
+) -> bool:
+    """Fit one object, write its folder, print the answer; returns whether it failed."""
+    with RunFolder(folder, overwrite=overwrite) as target:
+        say("reading the observations")
+        (records,) = objects(mission, split=False)
+        result, _ = fitted(mission, records, Ephemeris.load(mission.ephemeris_path), say, export=export)
+        target.publish(result)
+    if as_json:
+        click.echo(result.summary_text(), nl=False)
+    else:
+        print_fit(result.summary, folder)
+    return result.failed
+
+
+def fit_every(
+    mission: FitMission, folder: Path, overwrite: bool, as_json: bool, export: bool, say: Callable[[str], None]
+) -> bool:
+    """Fit every object by itself, a folder for each below `folder`; returns whether any failed."""
+    ephemeris = Ephemeris.load(mission.ephemeris_path)
+    failed, summaries = False, []
+    for name, found in every(mission, ephemeris, say, export=export):
+        if isinstance(found, NebosvodError):
+            failed = True
+            click.echo(f"{name}: {found}", err=True)
+            continue
+        own = folder / slug(name, "object")
+        with RunFolder(own, overwrite=overwrite) as target:
+            target.publish(found)
+        failed = failed or found.failed
+        summaries.append(dict(found.summary))
+        if not as_json:
+            print_line(found.summary, own)
+    if as_json:
+        click.echo(json_text({"objects": summaries}), nl=False)
+    return failed

@@ -1,0 +1,210 @@
+"""The fit of one object from its records to its estimate.
+
+records -> material -> start (given, or found from three directions) -> growth of the arc -> selection -> the estimator
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from nebosvod.dynamics import Ephemeris, ForceModel, propagate
+from nebosvod.errors import GeometryError
+from nebosvod.estimation import Status
+from nebosvod.estimation.rejection import Thresholds
+from nebosvod.estimation.square_root import covariance_factor
+from nebosvod.fit.correction import Knowledge
+from nebosvod.fit.general import General, estimate
+from nebosvod.fit.growth import grow
+from nebosvod.fit.material import Material, prepare
+from nebosvod.fit.selection import Selected, select
+from nebosvod.fit.verdict import Verdict, verdict
+from nebosvod.mission import FitMission
+from nebosvod.observation.initial_orbit import StartingOrbit, candidates
+from nebosvod.observation.records import Astrometry
+from nebosvod.prior import STATE_NAMES, PriorTable, prior_table
+from nebosvod.scene import force_model, reference_state
+from nebosvod.timescale import Epoch
+
+Array = npt.NDArray[np.float64]
+TRIED = 4  # starting orbits tried before the best of them is taken
+GOOD = 3.0  # chi squared for each selected observation, of which 2 are expected, below which no other start is tried
+MOST = 0.6  # of the observations that a good fit has selected
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class OrbitFit:
+    """Everything found about one object.
+
+    Attributes
+    ----------
+    mission : resolved: object, stations, and as its reference epoch that of the fit.
+    start : where the orbit came from, a sentence.
+    lean : the last differential correction and its selection.
+    general : the estimate with every source of error.
+    verdict : how it ended, and whether it may be believed.
+    """
+
+    mission: FitMission
+    material: Material
+    start: str
+    lean: Selected
+    general: General
+    priors: PriorTable
+    verdict: Verdict
+
+    @property
+    def epoch(self) -> Epoch:
+        """At which state and covariance are meant."""
+        return self.mission.reference_epoch
+
+
+def fit_object(
+    records: Astrometry, mission: FitMission, ephemeris: Ephemeris, say: Callable[[str], None] = lambda message: None
+) -> OrbitFit:
+    """Fit the orbit of one object.
+
+    Parameters
+    ----------
+    records : of one object, from any number of files.
+    mission : what is asked, uncertain and known beforehand; its object may be without an orbit.
+    say : called with one line of text at each stage.
+
+    Raises
+    ------
+    GeometryError
+        If no starting orbit can be found; says what is known instead.
+    InputError, CoverageError, DataError, EventError
+        As the stages raise them; a lack of convergence or observability is a status of the answer.
+    """
+    designation = records.objects[0]
+    say(f"{designation}: placing {len(records)} observations of {len(records.stations)} stations")
+    material = prepare(records, mission, ephemeris)
+    thresholds = thresholds_of(mission)
+    epoch, state, chosen, origin = _first_orbit(material, mission, ephemeris, thresholds, say)
+    resolved = mission.of(designation, material.names, epoch, state)
+    forces = force_model(resolved, ephemeris)
+    priors = prior_table(resolved, forces, _prior_mean(mission, resolved, forces, state))
+    say(f"{designation}: correcting the orbit")
+    solved = tuple(p.name for p in resolved.free_parameters if p.treatment == "estimated")
+    lean_forces = _with_columns(forces, solved)
+    sky = material.sky(epoch)
+    x = np.concatenate([state, lean_forces.values])
+    prior = knowledge(priors, solved)
+    lean = select(sky, x, lean_forces, thresholds, selected=chosen, prior=prior, limit=mission.fit.iterations)
+    weighed = material.weighed(sky, lean.correction.seen)
+    if weighed is not sky:
+        sky = weighed
+        lean = select(
+            sky, lean.correction.x, lean_forces, thresholds, selected=lean.selected, prior=prior,
+            limit=mission.fit.iterations,
+        )  # fmt: skip
+    say(f"{designation}: estimating")
+    values = dict(zip(solved, lean.correction.x[6:].tolist()))
+    general = estimate(
+        resolved, material, sky, forces.with_values(values), lean.correction.state, priors, lean.selected, thresholds
+    )
+    return OrbitFit(
+        mission=resolved,
+        material=material,
+        start=origin,
+        lean=lean,
+        general=general,
+        priors=priors,
+        verdict=verdict(lean, general, material),
+    )
+
+
+def thresholds_of(mission: FitMission) -> Thresholds | None:
+    """The thresholds of a file; None where it rejects nothing."""
+    said = mission.fit.rejection
+    if not said.enabled:
+        return None
+    return Thresholds(reject=said.reject, recover=said.recover, fraction=said.fraction, fudge=said.fudge)
+
+
+def knowledge(priors: PriorTable, parameters: tuple[str, ...]) -> Knowledge | None:
+    """Priors of state and solved parameters as rows for the lean correction; None where nothing is known.
+
+    A prior that also holds parameters which are not solved for counts with its marginal covariance of those that are.
+    """
+    names = (*STATE_NAMES, *parameters)
+    rows, mean = [], np.zeros(len(names))
+    for _, known, centre, covariance in priors.entries:
+        inside = [place for place, name in enumerate(known) if name in names]
+        if not inside:
+            continue
+        columns = [names.index(known[place]) for place in inside]
+        L = covariance_factor(covariance[np.ix_(inside, inside)], "prior")
+        U = np.zeros((len(inside), len(names)))
+        U[:, columns] = np.linalg.solve(L, np.eye(len(inside)))
+        rows.append(U)
+        mean[columns] = centre[inside]
+    return Knowledge(U=np.vstack(rows), mean=mean) if rows else None
+
+
+def _with_columns(forces: ForceModel, parameters: tuple[str, ...]) -> ForceModel:
+    """The same forces with other columns of zeta."""
+    return replace(forces, parameters=parameters)
+
+
+def _prior_mean(mission: FitMission, resolved: FitMission, forces: ForceModel, state: Array) -> Array:
+    """The state a prior orbit is about: the orbit that was given, carried to the epoch of the fit."""
+    if mission.prior == "none" or mission.object.given_orbit is None:
+        return state
+    return _carried(mission, resolved.reference_epoch, forces)
+
+
+def _carried(mission: FitMission, epoch: Epoch, forces: ForceModel) -> Array:
+    """The given orbit at an epoch."""
+    here = mission.model_copy(update={"reference_epoch": epoch})
+    return reference_state(here, forces)
+
+
+def _first_orbit(
+    material: Material,
+    mission: FitMission,
+    ephemeris: Ephemeris,
+    thresholds: Thresholds | None,
+    say: Callable[[str], None],
+) -> tuple[Epoch, Array, npt.NDArray[np.bool_], str]:
+    """Epoch of the fit, state there, first selection, and where they came from."""
+    epoch = material.middle
+    bare = _with_columns(force_model(mission, ephemeris), ())
+    if mission.object.given_orbit is not None:
+        return epoch, _carried(mission, epoch, bare), np.ones(len(material), dtype=bool), "the orbit given"
+    say("looking for a starting orbit")
+    found = candidates(material.astrometry, material.observers.state_km_km_s, ephemeris)
+    if not found:
+        raise GeometryError(f"{material.astrometry.objects[0]}: no starting orbit found")
+    best: tuple[float, Selected, StartingOrbit] | None = None
+    for start in found[:TRIED]:
+        say("widening the arc about the starting orbit")
+        at = start.epoch + start.t_s
+        grown = grow(material.sky(at), start.state, bare, thresholds, half_s=start.span_s / 2.0)
+        merit = _merit(grown)
+        if best is None or merit < best[0]:
+            best = (merit, grown, start)
+        if merit < GOOD and grown.selected.mean() > MOST and grown.correction.status is Status.CONVERGED:
+            break
+    if best is None:
+        raise GeometryError(f"{material.astrometry.objects[0]}: no starting orbit can be followed over the arc")
+    _, grown, start = best
+    at = start.epoch + start.t_s
+    state = propagate(grown.correction.state, at, [epoch - at], bare, sensitivities=False).state[0]
+    return epoch, np.array(state), grown.selected, _origin(start, material)
+
+
+def _origin(start: StartingOrbit, material: Material) -> str:
+    """Where a starting orbit came from, for a sentence."""
+    times = ", ".join(str(material.astrometry.utc[row])[:19] for row in start.triplet)
+    if start.method == "Gauss":
+        return f"Gauss's method on the directions of {times}"
+    return "a search over distances and their rates"
+
+
+def _merit(found: Selected) -> float:
+    """Cost for each selected observation; observations left out cost as much as the threshold of rejection."""
+    chosen = found.selected
+    return (found.correction.cost + 8.0 * float((~chosen).sum())) / len(chosen)

@@ -1,0 +1,178 @@
+"""The converged orbit in the program's one estimator: every source of error with its treatment.
+
+Where sources are only considered, ignored or already in the weights, this is one linear solve at the orbit that the
+lean correction found. Where one is estimated, the orbit is iterated anew with it, and the observations are judged anew
+by residuals from which it has been taken.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from nebosvod.assembly import Point, View, linear_problem
+from nebosvod.dynamics import ForceModel, propagate
+from nebosvod.estimation import Estimate, LinearProblem, batch, gauss_newton
+from nebosvod.estimation.rejection import Thresholds, chi_squared, reselect, settled
+from nebosvod.fit.material import Material
+from nebosvod.fit.sky import Look, Sky, look
+from nebosvod.fit.stage import scene_of, view_of
+from nebosvod.fitting import Fit
+from nebosvod.mission import FitMission
+from nebosvod.observation import Common
+from nebosvod.prior import PriorTable
+from nebosvod.scene import Scene
+
+Array = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
+ROUNDS = 15
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class General:
+    """What the estimator found.
+
+    Attributes
+    ----------
+    residual : (n, 2) of every observation after the fit, estimated sources taken out, rad.
+    chi2 : (n,) by the covariance of each residual.
+    """
+
+    scene: Scene
+    fit: Fit
+    selected: Flags
+    seen: Look
+    residual: Array
+    chi2: Array
+
+
+def estimate(
+    mission: FitMission,
+    material: Material,
+    sky: Sky,
+    forces: ForceModel,
+    state: Array,
+    priors: PriorTable,
+    selected: Flags,
+    thresholds: Thresholds | None,
+) -> General:
+    """Estimate with every source of error, and select anew where that changes the residuals.
+
+    Parameters
+    ----------
+    sky : with all white errors in its weights.
+    forces : with every parameter that is not fixed as a column, at the values the lean correction found.
+    state : (6,) where the lean correction ended.
+    selected : (n,) its selection.
+    """
+    history: list[Flags] = []
+    found = _once(mission, material, sky, forces, state, priors, selected)
+    anew = any(source.error.treatment == "estimated" for source in mission.sources)
+    while thresholds is not None and anew and found.fit.estimate.solution is not None and len(history) < ROUNDS:
+        latest = reselect(found.chi2, selected, thresholds, len(found.fit.estimate.names) // 2 + 1)
+        if settled([*history, selected], latest):
+            break
+        history.append(selected)
+        selected = latest
+        found = _once(mission, material, sky, forces, found.fit.point.state, priors, selected)
+    return found
+
+
+def _once(
+    mission: FitMission,
+    material: Material,
+    sky: Sky,
+    forces: ForceModel,
+    state: Array,
+    priors: PriorTable,
+    selected: Flags,
+) -> General:
+    """One selection: Gauss-Newton from the state until it stands."""
+    rows = np.flatnonzero(selected)
+    estimator = mission.estimators[0]
+    values = dict(zip(forces.parameters, forces.values.tolist()))
+    first = propagate(state, sky.epoch, sky.span_s, forces)
+    scene = scene_of(mission, material, forces, first, rows)
+    seen = look(first, sky)
+    start = view_of(scene, Point(state=state, parameters=values, nuisances={}), material, first, seen, rows)
+    start = _with_means(start)
+    latest: list[tuple[View, Look]] = [(start, seen)]
+
+    def linearise(deviation: Mapping[str, float]) -> LinearProblem:
+        latest[0] = (start, seen)
+        if any(value != 0.0 for value in deviation.values()):
+            point = start.point.moved(deviation)
+            trajectory = propagate(point.state, sky.epoch, sky.span_s, forces.with_values(point.parameters), grid=first)
+            there = look(trajectory, sky, seen.tau)
+            latest[0] = (view_of(scene, point, material, trajectory, there, rows), there)
+        return linear_problem(scene, estimator, latest[0][0], material.observed[rows], priors, about=start.point)
+
+    found = gauss_newton(linearise, solve=batch.solve, limit=mission.fit.iterations, tolerance=2e-3)
+    problem = linearise(found.deviation)
+    view, there = latest[0]
+    fit = Fit(
+        estimator=estimator,
+        estimate=found.estimate,
+        status=found.status,
+        message=found.message,
+        iterations=found.iterations,
+        cost=found.cost,
+        point=view.point,
+        problem=problem,
+        seen=view,
+        history=None,
+    )
+    residual, chi2 = _judged(scene, material, sky, fit, there, selected)
+    return General(scene=scene, fit=fit, selected=selected, seen=there, residual=residual, chi2=chi2)
+
+
+def _with_means(view: View) -> View:
+    """The view from a point at which every common nuisance has its mean."""
+    means = {
+        name: float(value)
+        for term in view.terms
+        if isinstance(term, Common)
+        for name, value in zip(term.names, term.mean)
+    }
+    point = Point(state=view.point.state, parameters=view.point.parameters, nuisances=means)
+    return View(point=point, trajectory=view.trajectory, observation=view.observation, terms=view.terms)
+
+
+def _judged(scene: Scene, material: Material, sky: Sky, fit: Fit, seen: Look, selected: Flags) -> tuple[Array, Array]:
+    """Residual (n, 2) and chi squared (n,) of every observation, selected or not.
+
+    Estimated nuisances common to many observations are taken out of the residuals; those of an observation that was
+    left out and belongs to a station without any other are unknown, so their covariance joins its noise.
+    """
+    estimate: Estimate = fit.estimate
+    R, residual = sky.R.copy(), seen.residual.copy()
+    if estimate.solution is None:
+        return residual, np.full(len(sky), np.nan)
+    every = np.arange(len(sky))
+    whole = view_of(scene, fit.point, material, fit.trajectory, seen, every)
+    H = np.zeros((len(sky), 2, len(estimate.names)))
+    column = {name: place for place, name in enumerate(estimate.names)}
+    known = dict(zip((*_state_names(fit), *seen_parameters(fit)), range(seen.H.shape[2])))
+    for name, place in known.items():
+        if name in column:
+            H[:, :, column[name]] = seen.H[:, :, place]
+    for term in whole.terms:
+        if not isinstance(term, Common):
+            continue
+        for k, name in enumerate(term.names):
+            if name in column:
+                H[:, :, column[name]] = term.H[:, :, k]
+                residual -= term.H[:, :, k] * fit.point.nuisances[name]
+            elif name not in estimate.left_out:
+                R += term.covariance[k, k] * term.H[:, :, k, None] * term.H[:, None, :, k]
+    return residual, chi_squared(residual, R, H, estimate.S_formal, selected)
+
+
+def _state_names(fit: Fit) -> tuple[str, ...]:
+    return fit.problem.blocks[0].names
+
+
+def seen_parameters(fit: Fit) -> tuple[str, ...]:
+    """The dynamic parameters in the order of their columns."""
+    return fit.observation.parameter_names

@@ -1,0 +1,206 @@
+"""The observations of one object with all that is needed to use them: observers, weights, corrections.
+
+files -> Astrometry -> one object, by time -> where each observer was, what each observation weighs -> `Sky`
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+import numpy.typing as npt
+
+from nebosvod.dynamics import Ephemeris
+from nebosvod.errors import InputError
+from nebosvod.fit.sky import Look, Sky
+from nebosvod.instruments import SPACECRAFT
+from nebosvod.mission import FitMission
+from nebosvod.observation import Spacecraft, debias, weights
+from nebosvod.observation.astrometry_files import read_astrometry
+from nebosvod.observation.direction import offset
+from nebosvod.observation.observers import Observers, telescopes
+from nebosvod.observation.records import Astrometry, joined
+from nebosvod.observation.telescope import Telescope
+from nebosvod.timescale import SECONDS_PER_DAY, Epoch
+
+Array = npt.NDArray[np.float64]
+Texts = npt.NDArray[np.str_]
+LISTED = 8  # objects named when a file holds several
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Material:
+    """One object's observations, by time.
+
+    Attributes
+    ----------
+    astrometry, observers : the records and the places of those who made them.
+    ephemeris : that placed them.
+    observed : (n, 2) RA and Dec, rad, with the biases of their star catalogues taken out.
+    sigma_rad : (n, 2) of RA cos Dec and Dec; correlation : (n,) of the two; rule : (n,) where the sigma came from.
+    timing_sigma_s : (n,) of the time, as stated, else as the file says of clocks on the ground.
+    notices : what a user should know about all this.
+    """
+
+    astrometry: Astrometry
+    observers: Observers
+    ephemeris: Ephemeris
+    observed: Array
+    sigma_rad: Array
+    correlation: Array
+    timing_sigma_s: Array
+    rule: Texts
+    notices: tuple[str, ...]
+
+    def __len__(self) -> int:
+        """Number of observations."""
+        return len(self.astrometry)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The telescopes, each once, in the order of their first observation."""
+        return tuple(dict.fromkeys(self.observers.telescope.tolist()))
+
+    @property
+    def telescopes(self) -> tuple[Telescope, ...]:
+        """The telescopes as observation knows them; their sigma is a mean one, each record has its own weight."""
+        return tuple(
+            Telescope(
+                name=name,
+                spacecraft=self.observers.spacecraft[name],
+                sigma_rad=np.sqrt(np.mean(self.sigma_rad[self.observers.telescope == name] ** 2, axis=0)),
+            )
+            for name in self.names
+        )
+
+    @property
+    def telescope_index(self) -> npt.NDArray[np.int64]:
+        """Which of `telescopes` made each observation (n,)."""
+        place = {name: number for number, name in enumerate(self.names)}
+        return np.array([place[name] for name in self.observers.telescope.tolist()], dtype=np.int64)
+
+    @property
+    def middle(self) -> Epoch:
+        """0h TDB of the day nearest to the middle of the arc: where the orbit is known best."""
+        t_s = self.astrometry.t_s
+        days = float(np.round((t_s.min() + t_s.max()) / 2.0 / SECONDS_PER_DAY))
+        return self.astrometry.epoch + days * SECONDS_PER_DAY
+
+    def sky(self, epoch: Epoch) -> Sky:
+        """The observations as arrays, counted from an epoch, with the noise of the measurement alone."""
+        return Sky.of(
+            epoch,
+            self.astrometry.t_s + (self.astrometry.epoch - epoch),
+            self.observed,
+            self.noise(),
+            self.observers.state_km_km_s,
+            self.ephemeris,
+        )
+
+    def noise(self, seen: Look | None = None) -> Array:
+        """Noise covariance R (n, 2, 2), rad^2; once the motion is known, tilted by the stated error of the time.
+
+        R = sigma and correlation of the record + sigma_t^2 rate rate^T.
+        """
+        R = np.empty((len(self), 2, 2))
+        R[:, 0, 0], R[:, 1, 1] = self.sigma_rad[:, 0] ** 2, self.sigma_rad[:, 1] ** 2
+        R[:, 0, 1] = R[:, 1, 0] = self.correlation * self.sigma_rad[:, 0] * self.sigma_rad[:, 1]
+        if seen is not None and self.has_timing:
+            rate = seen.rate
+            R += self.timing_sigma_s[:, None, None] ** 2 * rate[:, :, None] * rate[:, None, :]
+        return R
+
+    @property
+    def has_timing(self) -> bool:
+        """Whether any time is uncertain."""
+        return bool(self.timing_sigma_s.any())
+
+    @property
+    def position_rows(self) -> npt.NDArray[np.int64]:
+        """Records (r,) that state the covariance of the observer's place."""
+        return np.flatnonzero(np.isfinite(self.astrometry.position_covariance_km2).all(axis=(1, 2)))
+
+    def weighed(self, sky: Sky, seen: Look) -> Sky:
+        """The sky with everything in its weights that is drawn anew at each record: noise, time, stated places."""
+        R, places = self.noise(seen), self.position_rows
+        if not (self.has_timing or places.size):
+            return sky
+        H = seen.lines["H_z"][places]
+        R[places] += H @ self.astrometry.position_covariance_km2[places] @ H.transpose(0, 2, 1)
+        return sky.weighed(R)
+
+
+def gather(mission: FitMission) -> Astrometry:
+    """Every record of the files of a fit.
+
+    Raises
+    ------
+    DataError, InputError
+        If a file is missing or wrong; with file and line.
+    """
+    paths = [mission.beside(name) if mission.path is not None else Path(name) for name in mission.fit.observations]
+    return joined([read_astrometry(path) for path in paths])
+
+
+def one_object(records: Astrometry, designation: str | None, hint: str) -> Astrometry:
+    """The records of one object.
+
+    Raises
+    ------
+    InputError
+        If there are several objects and none is named, or the named one is not there.
+    """
+    if designation is not None:
+        return records.of(designation)
+    if len(records.objects) > 1:
+        listed = ", ".join(records.objects[:LISTED]) + (", ..." if len(records.objects) > LISTED else "")
+        raise InputError(f"observations of {len(records.objects)} objects ({listed}), and one orbit fits one; {hint}")
+    return records
+
+
+def prepare(records: Astrometry, mission: FitMission, ephemeris: Ephemeris) -> Material:
+    """Place the observers and weigh the observations of one object.
+
+    Raises
+    ------
+    InputError, CoverageError, DataError
+        If a station has no place, the ephemeris does not reach, or a table cannot be used.
+    """
+    plan, records = mission.fit, records.by_time()
+    places = telescopes(records, ephemeris, files=_spacecraft(mission))
+    rules = mission.beside(plan.weights) if plan.weights is not None else None
+    found = weights.weigh(records, rules)
+    table = mission.beside(plan.debias) if plan.debias is not None else None
+    correction, notices = debias.debias(records, table)
+    return Material(
+        astrometry=records,
+        observers=places,
+        ephemeris=ephemeris,
+        observed=offset(records.psi, -correction),
+        sigma_rad=plan.noise_scale * found.sigma_rad,
+        correlation=found.correlation,
+        timing_sigma_s=_clocks(records, plan.clock, found.night_count),
+        rule=found.rule,
+        notices=tuple(dict.fromkeys((*records.notices, *places.notices, *found.notices, *notices))),
+    )
+
+
+def _clocks(records: Astrometry, ground_s: float, night_count: npt.NDArray[np.int64]) -> Array:
+    """Sigma (n,) of the time: stated, else that of a clock on the ground; spacecraft and occultations keep time.
+
+    Notes
+    -----
+    The weights by station and catalogue come from objects that hardly move; one that crosses an arcsecond a second
+    shows the clocks as well. A clock is wrong by the same time all night: the N records of a station's night together
+    weigh as one reading, sigma_t sqrt(N).
+    """
+    ground = ((records.centre == "") | records.roving) & (records.mode != "OCC")
+    unstated = np.where(ground, ground_s * np.sqrt(night_count), 0.0)
+    return np.where(np.isfinite(records.timing_sigma_s), records.timing_sigma_s, unstated)
+
+
+def _spacecraft(mission: FitMission) -> Mapping[str, Spacecraft]:
+    """Trajectories given for stations."""
+    carriers = mission.fit.spacecraft.items()
+    return MappingProxyType({code: SPACECRAFT[type(orbit)](orbit, mission) for code, orbit in carriers})

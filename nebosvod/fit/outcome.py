@@ -1,0 +1,95 @@
+"""From the file of a fit, or names on a command line, to results ready for their run folders."""
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from nebosvod.dynamics import Ephemeris
+from nebosvod.errors import InputError, NebosvodError
+from nebosvod.fit.answer import Answer, answer
+from nebosvod.fit.engine import fit_object
+from nebosvod.fit.export import exports
+from nebosvod.fit.material import gather, one_object
+from nebosvod.fit.summary import summarise
+from nebosvod.fit.tables import all_arrays, all_tables
+from nebosvod.mission import FitMission
+from nebosvod.mission.fit import FitPlan
+from nebosvod.observation.records import Astrometry
+from nebosvod.pipeline import manifest
+from nebosvod.result import Result, sha256_of
+
+Say = Callable[[str], None]
+SPLIT_HINT = "name it with --object, or fit each by itself with --split"
+
+
+def mission_of(files: Sequence[str], designation: str | None) -> FitMission:
+    """The fit of plain files: everything else as by default.
+
+    Raises
+    ------
+    InputError
+        If there is no file.
+    """
+    if not files:
+        raise InputError("no observations: name their files, or one settings file (.yaml) with a fit block")
+    stem = Path(files[0]).name.partition(".")[0]
+    plan = FitPlan(observations=tuple(str(file) for file in files), designation=designation)
+    return FitMission(schema_version=1, name=designation or stem, fit=plan)
+
+
+def objects(mission: FitMission, split: bool) -> Iterator[Astrometry]:
+    """The records of each object to fit: the one named, the only one, or with `split` every one.
+
+    Raises
+    ------
+    InputError
+        If there are several and none is chosen.
+    """
+    records = gather(mission)
+    designation = mission.fit.designation
+    if split and designation is None:
+        for name in records.objects:
+            yield records.of(name)
+        return
+    yield one_object(records, designation, SPLIT_HINT)
+
+
+def fitted(
+    mission: FitMission, records: Astrometry, ephemeris: Ephemeris, say: Say, *, export: bool = False
+) -> tuple[Result, Answer]:
+    """Fit one object and make its result; with `export`, the orbit for other programs too."""
+    started = time.time()
+    found = answer(fit_object(records, mission, ephemeris, say))
+    result = Result(
+        summary=summarise(found),
+        manifest=_manifest(mission, found, started),
+        arrays=all_arrays(found),
+        tables=all_tables(found),
+        files=exports(found) if export else {},
+    )
+    return result, found
+
+
+def every(
+    mission: FitMission, ephemeris: Ephemeris, say: Say, *, export: bool = False
+) -> Iterator[tuple[str, Result | NebosvodError]]:
+    """Fit every object of the files, one after the other; trouble with one does not stop the others."""
+    parts = list(objects(mission, split=True))
+    for number, records in enumerate(parts, start=1):
+        name = records.objects[0]
+        say(f"{number} of {len(parts)}: {name}")
+        try:
+            yield name, fitted(mission, records, ephemeris, lambda message: None, export=export)[0]
+        except NebosvodError as error:
+            yield name, error
+
+
+def _manifest(mission: FitMission, found: Answer, started: float) -> dict[str, Any]:
+    """Where the result came from, with the sha256 of every file read."""
+    general = found.fit.general
+    paths = [mission.beside(name) if mission.path is not None else Path(name) for name in mission.fit.observations]
+    return manifest(general.scene, 0, started, [general.fit]) | {
+        "inputs_sha256": {str(path): sha256_of(path) for path in paths},
+        "status": {"fit": str(found.fit.verdict.status)},
+    }

@@ -1,0 +1,162 @@
+"""A fit as the program's scene: forces, stations as telescopes, sources of error, the time its orbit is needed.
+
+Everything that a simulated run says of its estimate (budget, predictions, treatment of every source) is then said of
+a fit by the same code.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from nebosvod.assembly import Point, View
+from nebosvod.dynamics import ForceModel, Trajectory
+from nebosvod.fit.material import Material
+from nebosvod.fit.sky import Look
+from nebosvod.impact import follow
+from nebosvod.instruments import nuisance
+from nebosvod.mission import FitMission, Position, SkyPrediction, Source
+from nebosvod.observation import Observation, Telescope, obscodes
+from nebosvod.observation.contracts import Ephemeris as AnyEphemeris
+from nebosvod.observation.sites import GroundSite
+from nebosvod.observation.term import Treatment, White
+from nebosvod.scene import ENCOUNTER_MARGIN_S, MARGIN_S, Scene
+
+Array = npt.NDArray[np.float64]
+Rows = npt.NDArray[np.int64]
+STATED = "telescope position as stated"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class StatedPosition:
+    """Errors of the observers' places as the records state them: fresh at each record, with its own covariance.
+
+    Parameters
+    ----------
+    rows, covariance_km2 : (r,) and (r, 3, 3) ICRF, of the observation it is asked about.
+    """
+
+    name: str
+    rows: Rows
+    covariance_km2: Array
+    treatment: Treatment = "estimated"
+
+    def term(self, observation: Observation, ephemeris: AnyEphemeris) -> White:
+        """H = H_z on the records that state a covariance."""
+        return White(
+            name=self.name,
+            names=tuple(f"{self.name} {axis}" for axis in "xyz"),
+            rows=self.rows,
+            H=observation.H_z[self.rows],
+            displacement=np.broadcast_to(np.eye(3), (self.rows.size, 3, 3)),
+            Q=self.covariance_km2,
+            treatment=self.treatment,
+        )
+
+
+def scene_of(mission: FitMission, material: Material, forces: ForceModel, trajectory: Trajectory, rows: Rows) -> Scene:
+    """The scene of a fit to some of the observations.
+
+    Parameters
+    ----------
+    mission : resolved (`FitMission.of`): its reference epoch and orbit are those of the fit.
+    trajectory : the orbit of the fit, over the observations.
+    rows : (k,) the selected observations, ascending.
+    """
+    seeing = {material.names[number] for number in np.unique(material.telescope_index[rows])}
+    sources = {source.name: source for source in mission.sources if seeing & set(source.telescopes)}
+    nuisances = [
+        nuisance(source, mission, tuple(name for name in source.telescopes if name in seeing))
+        for source in sources.values()
+    ]
+    stated = np.flatnonzero(np.isin(rows, material.position_rows))
+    if stated.size:
+        block = Position.model_construct(correlation="white", sigma=1.0, treatment="estimated")
+        source = Source(name=STATED, group="position", keys=(STATED,), telescopes=(), error=block, path=("fit",))
+        sources[STATED] = source
+        covariance = material.astrometry.position_covariance_km2[rows[stated]]
+        nuisances.append(StatedPosition(name=STATED, rows=stated, covariance_km2=covariance))
+    return Scene(
+        mission=mission,
+        ephemeris=material.ephemeris,
+        forces=forces,
+        state=np.array(trajectory.at([0.0]).state[0]),
+        telescopes=(*material.telescopes, *_lookouts(mission, material)),
+        visibilities=(),
+        sources=sources,
+        nuisances=tuple(nuisances),
+        span_s=trajectory.span_s,
+        needed_s=trajectory.span_s[1],
+        trajectory=trajectory,
+    )
+
+
+def _lookouts(mission: FitMission, material: Material) -> tuple[Telescope, ...]:
+    """Places that predictions are made for and that have not observed: sites on the ground."""
+    asked = {item.telescope for item in mission.predictions if isinstance(item, SkyPrediction)}
+    found = []
+    for code in sorted(asked - set(material.names)):
+        site = obscodes.codes()[code]
+        place = GroundSite.from_parallax(np.radians(float(site["Longitude"])), float(site["cos"]), float(site["sin"]))
+        found.append(Telescope(name=code, spacecraft=place, sigma_rad=1.0))
+    return tuple(found)
+
+
+def long_span(mission: FitMission, span_s: tuple[float, float]) -> tuple[tuple[float, float], float]:
+    """First and last time the answer needs the orbit, and the last of them that must be reached."""
+    epoch = mission.reference_epoch
+    times = [*span_s, 0.0]
+    times += [when - epoch for when in (*mission.fit.epochs, *([mission.fit.epoch] if mission.fit.epoch else []))]
+    times += [item.when - epoch for item in mission.predictions if not hasattr(item, "near")]
+    needed = max(times)
+    for item in mission.predictions:
+        if hasattr(item, "near"):
+            times += [item.when - epoch - ENCOUNTER_MARGIN_S, item.when - epoch + ENCOUNTER_MARGIN_S]
+    return (min(times) - MARGIN_S, max(times) + (MARGIN_S if max(times) > max(span_s) else 0.0)), needed
+
+
+def long_trajectory(mission: FitMission, state: Array, forces: ForceModel, span_s: tuple[float, float]) -> Trajectory:
+    """The orbit over everything the answer needs, or to its impact.
+
+    Raises
+    ------
+    EventError, CoverageError
+        If it hits a body, or the ephemeris ends, before the last state asked for.
+    """
+    span, needed = long_span(mission, span_s)
+    return follow(state, mission.reference_epoch, span, needed, forces, True)
+
+
+def observation_of(material: Material, trajectory: Trajectory, seen: Look, rows: Rows) -> Observation:
+    """A look at the sky as the observation stage says it, of some observations in the order of time."""
+    index = material.telescope_index[rows]
+    seeing = np.unique(index)
+    lines = {name: values[rows] for name, values in seen.lines.items()}
+    return Observation(
+        epoch=trajectory.epoch,
+        telescopes=tuple(material.telescopes[number] for number in seeing),
+        telescope_index=np.searchsorted(seeing, index),
+        parameter_names=tuple(trajectory.parameter_names),
+        t_s=material.astrometry.t_s[rows] + (material.astrometry.epoch - trajectory.epoch),
+        psi=seen.psi[rows],
+        H_x=lines["H_x"],
+        H_x0=seen.H[rows, :, :6],
+        H_z=lines["H_z"],
+        H_c=seen.H[rows, :, 6:],
+        rate=seen.rate[rows],
+        noise=material.noise(seen)[rows],
+        u=lines["u"],
+        distance_km=lines["distance"],
+        light_time_s=seen.tau[rows],
+        telescope_state=lines["observer"],
+        target_state=lines["target"],
+        Phi_emission=lines["Phi"],
+        zeta_emission=lines["zeta"],
+    )
+
+
+def view_of(scene: Scene, point: Point, material: Material, trajectory: Trajectory, seen: Look, rows: Rows) -> View:
+    """What the general estimator sees of a look at the sky: the chosen observations and what the sources do to them."""
+    observation = observation_of(material, trajectory, seen, rows)
+    terms = tuple(one.term(observation, scene.ephemeris) for one in scene.nuisances)
+    return View(point=point, trajectory=trajectory, observation=observation, terms=terms)

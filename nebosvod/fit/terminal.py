@@ -1,0 +1,188 @@
+"""The short answer of a fit on a terminal: the orbit with its sigmas, how the observations agree, who is to blame."""
+
+import sys
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from rich.box import SIMPLE
+from rich.console import Console
+from rich.table import Table
+
+STATIONS_SHOWN = 8
+REJECTED_SHOWN = 8
+BUDGET_SHOWN = 6
+ELEMENTS = (
+    ("e", "e", ""),
+    ("a_au", "a", "au"),
+    ("q_au", "q", "au"),
+    ("i_deg", "i", "deg"),
+    ("node_deg", "node", "deg"),
+    ("peri_deg", "peri", "deg"),
+    ("mean_anomaly_deg", "M", "deg"),
+    ("tp_jd_tdb", "tp", "JD TDB"),
+)
+
+
+def print_fit(summary: Mapping[str, Any], folder: Path | None, console: Console | None = None) -> None:
+    """Print what a reader wants first, and where the rest is."""
+    out = console or Console(highlight=False, soft_wrap=True, width=None if sys.stdout.isatty() else 120)
+    fit = summary["fit"]
+    out.print(f"[bold]{_plain(summary['title'])}[/bold]")
+    for line in _headline(summary):
+        out.print(_plain(line))
+    if summary["orbit"] is not None:
+        out.print(_orbit(summary["orbit"]))
+        for line in _state_lines(summary):
+            out.print(_plain(line))
+    out.print(_stations(fit))
+    for line in (*_rejected(fit), *_budget(summary), *_predictions(summary), *_reference(summary)):
+        out.print(_plain(line))
+    for line in (*fit["notices"], *(f"warning: {text}" for text in summary["warnings"])):
+        out.print(_plain(line))
+    if folder is not None:
+        out.print(f"report: {_plain(str(folder / 'report.html'))}")
+
+
+def _plain(text: str) -> str:
+    """Text in which rich sees no markup."""
+    return text.replace("[", r"\[")
+
+
+def _headline(summary: Mapping[str, Any]) -> Iterator[str]:
+    fit = summary["fit"]
+    left = ", ".join(f"{count} {reason}" for reason, count in fit["left_out"].items())
+    yield (
+        f"{summary['n_observations']} observations by {len(fit['stations'])} stations, "
+        f"{fit['first_observation_utc'][:10]} to {fit['last_observation_utc'][:10]} ({fit['arc']})"
+        + (f"; not read: {left}" if left else "")
+    )
+    yield f"{fit['status'].replace('_', ' ')}: {fit['message']}"
+    reduced = fit["reduced_chi2"]
+    yield (
+        f"{fit['n_selected']} selected, {fit['n_rejected']} rejected; rms {fit['rms_ra_arcsec']:.3f} arcsec in RA*, "
+        f"{fit['rms_dec_arcsec']:.3f} in Dec; chi2 {fit['chi2']:.1f} for {fit['dof']} degrees of freedom"
+        + (f" ({reduced:.2f})" if reduced is not None else "")
+    )
+
+
+def with_sigma(value: float, sigma: float) -> tuple[str, str]:
+    """Value and sigma with digits down to a hundredth of the sigma."""
+    if not sigma > 0.0:
+        return f"{value:.12g}", "0"
+    digits = 0
+    while digits < 14 and sigma * 10.0**digits < 10.0:
+        digits += 1
+    return f"{value:.{digits}f}", f"{sigma:.2g}" if sigma < 1e-4 or sigma >= 1e5 else f"{sigma:.{digits}f}"
+
+
+def _orbit(orbit: Mapping[str, Any]) -> Table:
+    title = f"\nElements, ecliptic of J2000, at {orbit['epoch_tdb']}"
+    table = Table(title=title, title_justify="left", title_style="", box=SIMPLE, pad_edge=False)
+    for heading, justify in (("", "left"), ("value", "right"), ("1 sigma", "right"), ("", "left")):
+        table.add_column(heading, justify=justify, no_wrap=True)  # type: ignore[arg-type]
+    for key, label, unit in ELEMENTS if orbit["elements"] is not None else ():
+        found = orbit["elements"][key]
+        table.add_row(label, *with_sigma(found["value"], found["sigma"]), unit)
+    return table
+
+
+def _state_lines(summary: Mapping[str, Any]) -> Iterator[str]:
+    orbit = summary["orbit"]
+    yield (
+        f"position to {_number(orbit['sigma_position_km'])} km, velocity to {_number(orbit['sigma_velocity_m_s'])} m/s "
+        "at that epoch (1 sigma, root trace)"
+    )
+    true, formal = orbit["sigma_position_km"], orbit["sigma_formal_position_km"]
+    if abs(true / formal - 1.0) > 0.01:
+        yield f"without what is only considered: {_number(formal)} km; the sigmas above count it"
+    for name, row in summary["estimators"][0]["parameters"].items():
+        if row["sigma"] > 0.0:
+            known = "" if row["prior_sigma"] is None else f" (before: {_number(row['prior_sigma'])})"
+            yield f"  {name}: {row['estimate']:.4g} +- {row['sigma']:.2g}{known}"
+
+
+def _stations(fit: Mapping[str, Any]) -> Table:
+    table = Table(
+        title="\nResiduals by station, arcsec", title_justify="left", title_style="", box=SIMPLE, pad_edge=False
+    )
+    for heading in ("station", "n", "selected", "rms RA*", "rms Dec", "mean RA*", "mean Dec"):
+        table.add_column(heading, justify="left" if heading == "station" else "right", no_wrap=True)
+    rows = fit["stations"]
+    for row in rows[:STATIONS_SHOWN]:
+        values = (row[f"{what}_{axis}_arcsec"] for what in ("rms", "mean") for axis in ("ra", "dec"))
+        cells = ("-" if value is None else f"{value:.2f}" for value in values)
+        table.add_row(row["station"], str(row["n_observations"]), str(row["n_selected"]), *cells)
+    if len(rows) > STATIONS_SHOWN:
+        rest = rows[STATIONS_SHOWN:]
+        table.add_row(
+            f"{len(rest)} more", str(sum(r["n_observations"] for r in rest)), str(sum(r["n_selected"] for r in rest)),
+            "", "", "", "",
+        )  # fmt: skip
+    return table
+
+
+def _rejected(fit: Mapping[str, Any]) -> Iterator[str]:
+    rows = sorted(fit["rejected"], key=lambda row: -(row["chi"] or 0.0))
+    if rows:
+        yield f"Rejected, worst of {len(rows)} first (all in tables/residuals.ecsv)"
+    for row in rows[:REJECTED_SHOWN]:
+        yield (
+            f"  {row['utc'][:19]}  {row['station']:<4} {row['residual_ra_arcsec']:+8.2f} "
+            f"{row['residual_dec_arcsec']:+8.2f} arcsec, chi {row['chi'] or float('nan'):.1f}"
+            f"  {Path(row['file']).name}:{row['line']}"
+        )
+
+
+def _budget(summary: Mapping[str, Any]) -> Iterator[str]:
+    rows = summary["budget"]
+    if not rows:
+        return
+    yield "What is to blame for the position sigma amid the arc"
+    for row in rows[:BUDGET_SHOWN]:
+        yield f"  {row['source']:<34} {100.0 * row['share_position']:5.1f} %  {_number(row['sigma_position_km']):>9} km"
+    rest = sum(row["share_position"] for row in rows[BUDGET_SHOWN:])
+    if len(rows) > BUDGET_SHOWN:
+        yield f"  {f'{len(rows) - BUDGET_SHOWN} more':<34} {100.0 * rest:5.1f} %"
+
+
+def _predictions(summary: Mapping[str, Any]) -> Iterator[str]:
+    if summary["predictions"]:
+        yield "Predictions, 1 sigma"
+    for row in summary["predictions"]:
+        unit = next(key.removeprefix("semi_axes_") for key in row if key.startswith("semi_axes_"))
+        axes = " x ".join(_number(axis) for axis in row[f"semi_axes_{unit}"])
+        where = f"; RA {row['ra_deg']:.6f} Dec {row['dec_deg']:+.6f} deg" if "ra_deg" in row else ""
+        yield f"  {row['name']} ({row['plane']}): {axes} {unit.replace('_', '/')}{where}"
+
+
+def _reference(summary: Mapping[str, Any]) -> Iterator[str]:
+    row = summary["reference_orbit"]
+    if row is None:
+        return
+    yield (
+        f"Against {row['name']}: {_number(row['difference_position_km'])} km apart amid the arc, "
+        f"chi2 {row['chi2']:.2f} for 6 by this fit's covariance"
+        + (f", {row['chi2_by_reference']:.2f} by its own" if row["chi2_by_reference"] is not None else "")
+    )
+
+
+def _number(value: float) -> str:
+    """Three significant digits."""
+    if not 1e-3 <= abs(value) < 1e5:
+        return f"{value:.2e}" if value else "0"
+    return f"{value:.3g}" if abs(value) < 1000.0 else f"{value:.0f}"
+
+
+def print_line(summary: Mapping[str, Any], folder: Path, console: Console | None = None) -> None:
+    """One line for one object of many."""
+    out = console or Console(highlight=False, soft_wrap=True, width=None if sys.stdout.isatty() else 120)
+    fit, orbit = summary["fit"], summary["orbit"]
+    sigma = "" if orbit is None else f", position to {_number(orbit['sigma_position_km'])} km"
+    out.print(
+        _plain(
+            f"{summary['object']:<14} {fit['status'].replace('_', ' '):<15} {fit['n_selected']} of "
+            f"{summary['n_observations']} observations over {fit['arc']}, rms {fit['rms_arcsec']:.3f} arcsec{sigma}; "
+            f"{folder}"
+        )
+    )

@@ -1,0 +1,109 @@
+"""How a fit ended, and whether its numbers are an orbit: a status, and sentences that say why."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from nebosvod.dynamics.elements import state_to_cometary
+from nebosvod.estimation import Status
+from nebosvod.fit.general import General
+from nebosvod.fit.material import Material
+from nebosvod.fit.selection import Selected
+from nebosvod.prior import STATE_NAMES
+from nebosvod.timescale import SECONDS_PER_DAY
+
+Array = npt.NDArray[np.float64]
+DISTANCE = 0.3  # sigma of the distance over the distance, beyond which the arc does not tell how far the object is
+UNBOUND = 3.0  # sigmas of e that a hyperbola must lie above 1 to be believed
+LEFT_OUT = 0.5  # of the observations: a fit that rejects more fits something else
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Verdict:
+    """How it ended.
+
+    Attributes
+    ----------
+    status : `not_observable` also where the solution exists and says next to nothing.
+    message : the status as a sentence.
+    cautions : what a reader should know before using the numbers.
+    """
+
+    status: Status
+    message: str
+    cautions: tuple[str, ...] = ()
+
+    @property
+    def failed(self) -> bool:
+        """Whether the answer is no orbit to rely on."""
+        return self.status is not Status.CONVERGED
+
+
+def verdict(lean: Selected, general: General, material: Material) -> Verdict:
+    """Judge a fit."""
+    cautions = []
+    rejected = int((~general.selected).sum())
+    if rejected > LEFT_OUT * len(material):
+        cautions.append(f"{rejected} of {len(material)} observations were rejected: this orbit is not theirs")
+    if not lean.stands:
+        cautions.append("the selection of observations went in a circle and was kept as it was")
+    status = lean.correction.status
+    if status is Status.CONVERGED:
+        status = general.fit.status
+    if general.fit.estimate.solution is None or status is Status.NOT_OBSERVABLE:
+        return Verdict(status=Status.NOT_OBSERVABLE, message=_weak(general), cautions=tuple(cautions))
+    vague = _vague(general, material)
+    if vague:
+        return Verdict(status=Status.NOT_OBSERVABLE, message=vague, cautions=tuple(cautions))
+    if status is not Status.CONVERGED:
+        return Verdict(status=status, message=status.sentence, cautions=tuple(cautions))
+    if rejected > LEFT_OUT * len(material):
+        return Verdict(status=Status.DIVERGED, message=cautions[0], cautions=tuple(cautions[1:]))
+    return Verdict(status=status, message=status.sentence, cautions=tuple(cautions))
+
+
+def arc_words(material: Material) -> str:
+    """Length of the arc for a sentence."""
+    length = float(np.ptp(material.astrometry.t_s))
+    for size, unit in ((365.25 * SECONDS_PER_DAY, "years"), (SECONDS_PER_DAY, "days"), (3600.0, "hours")):
+        if length >= 2.0 * size:
+            return f"{length / size:.3g} {unit}"
+    return f"{length / 60.0:.0f} minutes"
+
+
+def _weak(general: General) -> str:
+    """The weak direction by names."""
+    estimate = general.fit.estimate
+    if estimate.solution is not None or not estimate.weak_direction:
+        return Status.NOT_OBSERVABLE.sentence
+    parts = sorted(estimate.weak_direction.items(), key=lambda item: -abs(item[1]))[:3]
+    return f"{Status.NOT_OBSERVABLE.sentence} Weakest together: {', '.join(name for name, _ in parts)}."
+
+
+def _vague(general: General, material: Material) -> str:
+    """Why a solution is no orbit: a distance not known, or a hyperbola within its sigma; empty where it is one."""
+    estimate, arc = general.fit.estimate, arc_words(material)
+    state = general.fit.point.state
+    S = estimate.factor(STATE_NAMES)
+    scene = general.scene
+    place = int(np.argmin(np.abs(general.fit.observation.t_s)))
+    observer = general.fit.observation.telescope_state[place, :3]
+    sun = scene.ephemeris.position_km("sun", scene.epoch, np.array([general.fit.observation.t_s[place]]))[0]
+    at = general.fit.trajectory.at([general.fit.observation.t_s[place]])
+    line = at.state[0, :3] + sun - observer
+    distance = float(np.linalg.norm(line))
+    sigma = float(np.linalg.norm((line / distance) @ at.Phi[0, :3] @ S))
+    if sigma > DISTANCE * distance:
+        return (
+            f"{Status.NOT_OBSERVABLE.sentence} The arc of {arc} does not tell how far the object is: "
+            f"{distance / 149597870.7:.3g} +- {sigma / 149597870.7:.2g} au from the observer."
+        )
+    elements, jacobian = state_to_cometary(state, scene.ephemeris.gm_km3_s2["sun"])
+    spread = float(np.linalg.norm(jacobian[0] @ S))
+    if elements[0] >= 1.0 and elements[0] - 1.0 < UNBOUND * spread:
+        return (
+            f"{Status.NOT_OBSERVABLE.sentence} The best orbit is unbound (e = {elements[0]:.4g} +- {spread:.2g}), "
+            f"which an arc of {arc} does not show."
+        )
+    return ""
