@@ -138,8 +138,8 @@ def _place(astrometry: Astrometry, i: int) -> dict[str, str]:
         longitude, latitude, altitude = erfa.gc2gd(1, position * 1e3)
         values = (f"{np.degrees(longitude) % 360.0:.7f}", f"{np.degrees(latitude):.7f}", f"{altitude:.2f}")
         return {"sys": "WGS84", "ctr": "399", **dict(zip(("pos1", "pos2", "pos3"), values))}
-    # thirteen characters are allowed: as many decimals as they leave
-    places = max(0, 10 - len(f"{np.max(np.abs(position)):.0f}"))
+    # thirteen characters are allowed after the sign: as many decimals as they leave
+    places = max(0, 12 - len(f"{np.max(np.abs(position)):.0f}"))
     row = {"sys": "ICRF_KM", "ctr": CENTRES[centre]}
     row |= {f"pos{axis + 1}": f"{position[axis]:.{min(places, 6)}f}" for axis in range(3)}
     covariance = astrometry.position_covariance_km2[i]
