@@ -24,7 +24,7 @@ PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md")])
 LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 SAVE_AS = re.compile(r"[Ss]ave (?:it|this) as\s+`([\w.-]+)`")
-COMMANDS = ("run", "check", "init", "missions", "report", "schema", "validate", "plan", "compare")
+COMMANDS = ("run", "fit", "check", "init", "missions", "report", "schema", "validate", "plan", "compare")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nebosvod.dynamics import Ephemeris, ForceModel, propagate
-from nebosvod.errors import GeometryError
+from nebosvod.errors import CoverageError, EventError, GeometryError, InputError
 from nebosvod.estimation import Status
 from nebosvod.estimation.rejection import Thresholds
 from nebosvod.estimation.square_root import covariance_factor
@@ -19,15 +19,16 @@ from nebosvod.fit.general import General, estimate
 from nebosvod.fit.growth import grow
 from nebosvod.fit.material import Material, prepare
 from nebosvod.fit.selection import Selected, select
-from nebosvod.fit.verdict import Verdict, verdict
+from nebosvod.fit.verdict import Verdict, arc_words, verdict
 from nebosvod.mission import FitMission
-from nebosvod.observation.initial_orbit import StartingOrbit, candidates
+from nebosvod.observation.initial_orbit import StartingOrbit, attributable, candidates
 from nebosvod.observation.records import Astrometry
 from nebosvod.prior import STATE_NAMES, PriorTable, prior_table
 from nebosvod.scene import force_model, reference_state
-from nebosvod.timescale import Epoch
+from nebosvod.timescale import SECONDS_PER_DAY, Epoch
 
 Array = npt.NDArray[np.float64]
+RAD_TO_ARCSEC = 648000.0 / np.pi
 TRIED = 4  # starting orbits tried before the best of them is taken
 GOOD = 3.0  # chi squared for each selected observation, of which 2 are expected, below which no other start is tried
 MOST = 0.6  # of the observations that a good fit has selected
@@ -177,19 +178,23 @@ def _first_orbit(
     say("looking for a starting orbit")
     found = candidates(material.astrometry, material.observers.state_km_km_s, ephemeris)
     if not found:
-        raise GeometryError(f"{material.astrometry.objects[0]}: no starting orbit found")
+        raise GeometryError(f"{material.astrometry.objects[0]}: no starting orbit found; {_known(material)}")
     best: tuple[float, Selected, StartingOrbit] | None = None
     for start in found[:TRIED]:
         say("widening the arc about the starting orbit")
         at = start.epoch + start.t_s
-        grown = grow(material.sky(at), start.state, bare, thresholds, half_s=start.span_s / 2.0)
+        try:
+            grown = grow(material.sky(at), start.state, bare, thresholds, half_s=start.span_s / 2.0)
+        except (EventError, CoverageError, InputError):
+            continue  # runs into a body, or out of the ephemeris; the next one may not
         merit = _merit(grown)
         if best is None or merit < best[0]:
             best = (merit, grown, start)
         if merit < GOOD and grown.selected.mean() > MOST and grown.correction.status is Status.CONVERGED:
             break
     if best is None:
-        raise GeometryError(f"{material.astrometry.objects[0]}: no starting orbit can be followed over the arc")
+        text = "no starting orbit can be followed over the arc"
+        raise GeometryError(f"{material.astrometry.objects[0]}: {text}; {_known(material)}")
     _, grown, start = best
     at = start.epoch + start.t_s
     state = propagate(grown.correction.state, at, [epoch - at], bare, sensitivities=False).state[0]
@@ -202,6 +207,22 @@ def _origin(start: StartingOrbit, material: Material) -> str:
     if start.method == "Gauss":
         return f"Gauss's method on the directions of {times}"
     return "a search over distances and their rates"
+
+
+def _known(material: Material) -> str:
+    """What is known without an orbit: the arc, direction and motion at its middle, whether it shows curvature."""
+    records = material.astrometry
+    try:
+        seen = attributable(records)
+    except InputError as error:
+        return str(error)
+    what = f"known are {len(records)} observations over {arc_words(material)}"
+    rate = np.linalg.norm(seen.rate_rad_s) * SECONDS_PER_DAY * RAD_TO_ARCSEC
+    curved = f"curved by {seen.significance:.1f} sigma" if seen.significance > 0.0 else "a straight line"
+    return (
+        f"{what}: at the middle RA {np.degrees(seen.psi[0]):.4f} deg, Dec {np.degrees(seen.psi[1]):+.4f} deg, "
+        f"moving {rate:.4g} arcsec a day, {curved}; give object.orbit in a settings file if one is known"
+    )
 
 
 def _merit(found: Selected) -> float:

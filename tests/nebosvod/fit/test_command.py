@@ -220,3 +220,20 @@ def test_an_arc_of_an_hour_is_status_1(tmp_path, capsys):
     assert main(["fit", str(path), "-o", str(tmp_path / "run")]) == 1
     assert "58 minutes" in capsys.readouterr().out
     assert json.loads((tmp_path / "run" / "summary.json").read_text("utf-8"))["fit"]["status"] == "not_observable"
+
+
+def test_two_observations_say_what_is_known_of_them(tmp_path, capsys):
+    lines = (DATA / "2024MK.obs80").read_text("ascii").splitlines()[:2]
+    (tmp_path / "two.obs80").write_text("\n".join(lines) + "\n", "ascii")
+    assert main(["fit", str(tmp_path / "two.obs80"), "-o", str(tmp_path / "run")]) == 1
+    said = capsys.readouterr().err
+    assert all(word in said for word in ("no starting orbit", "3 minutes", "arcsec a day", "straight line"))
+
+
+def test_without_an_orbit_one_is_found(tmp_path, capsys):
+    """The same orbit as from JPL's start, and the sentence about where it came from."""
+    path = settings(tmp_path, head="schema_version: 1\nname: dw\nfit:\n  observations: [2023DW.obs80]\n")
+    assert main(["fit", str(path), "-o", str(tmp_path / "run"), "--json"]) == 0
+    summary = json.loads(capsys.readouterr().out)
+    assert summary["fit"]["start"].startswith("Gauss's method")
+    assert summary["orbit"]["elements"]["a_au"]["value"] == pytest.approx(0.8199, abs=1e-4)
