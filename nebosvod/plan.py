@@ -31,6 +31,7 @@ SCHEMA_VERSION = 1
 HOUR_S = 3600.0
 WINDOW = 0.9  # a window holds the epochs whose gain is at least this part of the best of the telescope
 MOST_VISITS = 1000
+MOST_EXPOSURES = 1000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,6 +41,7 @@ class Wish:
     Attributes
     ----------
     visit_s : telescope time that a visit takes, by telescope; the others take `visit_default_s`.
+    exposures, spacing_s : of a visit, and from one exposure to the next.
     """
 
     prediction: str
@@ -51,6 +53,8 @@ class Wish:
     step_s: float | None = None
     visit_s: Mapping[str, float] | None = None
     visit_default_s: float = HOUR_S
+    exposures: int = 1
+    spacing_s: float = 0.0
 
 
 def read_wish(
@@ -61,8 +65,10 @@ def read_wish(
     criterion: str,
     window: tuple[str | None, str | None, str | None],
     visit_time: Sequence[str],
+    exposures: int = 1,
+    spacing: str | None = None,
 ) -> Wish:
-    """Read what the command line says: first and last epoch, step, and the times of visits, with their units.
+    """Read what the command line says: first and last epoch, step, times and exposures of visits, with their units.
 
     Raises
     ------
@@ -88,6 +94,8 @@ def read_wish(
         step_s=None if step is None else _duration("--step", step),
         visit_s=times,
         visit_default_s=default,
+        exposures=exposures,
+        spacing_s=_duration("--spacing", spacing) if spacing is not None else 0.0,
     )
 
 
@@ -119,8 +127,8 @@ def _duration(option: str, text: str) -> float:
 class Planner:
     """The present accuracy of one prediction and what each candidate would make of it."""
 
-    def __init__(self, offered: Candidates, solve: Callable[[Any], Any], asked: Quantity) -> None:
-        self.offered, self.solve = offered, solve
+    def __init__(self, offered: Candidates, solve: Callable[[Any], Any], asked: Quantity, lasts_s: float = 0.0) -> None:
+        self.offered, self.solve, self.lasts_s = offered, solve, lasts_s
         estimate = solve(offered.base)
         if estimate.solution is None:
             raise GeometryError(
@@ -148,16 +156,25 @@ class Planner:
         return float(a[0]), float(d[0])
 
     def each(self, belief: Belief, taken: Sequence[int]) -> tuple[Array, Array]:
-        """(A, D) sigmas (c,) after each candidate, on top of those already taken; inf for these."""
+        """(A, D) sigmas (c,) after each candidate, on top of those taken; inf for these and those they overlap."""
+        closed = self.overlapping(taken)
         if self.added is not None:
             a, d = _sigmas(predicted(belief, self.added, self.W))
         else:
             a, d = np.empty(self.count), np.empty(self.count)
-            for k in set(range(self.count)) - set(taken):
+            for k in np.flatnonzero(~closed).tolist():
                 found = self.solve(self.offered.with_one([*taken, k])).predict(self.W, self.belief.names)
                 a[k : k + 1], d[k : k + 1] = _sigmas(found.factor[None])
-        a[list(taken)] = d[list(taken)] = np.inf
+        a[closed] = d[closed] = np.inf
         return a, d
+
+    def overlapping(self, taken: Sequence[int]) -> npt.NDArray[np.bool_]:
+        """Which candidates (c,) their telescope cannot make because of visits already taken."""
+        closed = np.zeros(self.count, dtype=bool)
+        for k in taken:
+            near = np.abs(self.offered.t_s - self.offered.t_s[k]) <= self.lasts_s
+            closed |= near & (self.offered.telescope == self.offered.telescope[k])
+        return closed
 
     def after(self, belief: Belief, taken: Sequence[int]) -> Belief:
         """The belief with the last of the candidates taken as well."""
@@ -171,6 +188,8 @@ class Planner:
         present = self.now()[0 if criterion == "a" else 1]
         for _ in range(min(visits, self.count)):
             sigma = self.each(belief, taken)[0 if criterion == "a" else 1]
+            if not np.isfinite(sigma).any():
+                break
             best = int(np.argmax(_rate(present, sigma, hours)))
             present = float(sigma[best])
             taken.append(best)
@@ -187,7 +206,9 @@ class Planner:
             wanted = first + (last - first) * (k + 0.5) / total
             distance = np.abs(self.offered.t_s - wanted)
             distance = distance + np.where(self.offered.telescope == numbers[k % numbers.size], 0.0, last - first + 1.0)
-            distance[taken] = np.inf
+            distance[self.overlapping(taken)] = np.inf
+            if not np.isfinite(distance).any():
+                break
             taken.append(int(np.argmin(distance)))
         return taken
 
@@ -202,7 +223,14 @@ class Planner:
 
 
 def _only(added: Additions, rows: npt.NDArray[np.int64]) -> Additions:
-    return Additions(H=added.H[rows], noise=np.ascontiguousarray(added.noise[rows]))
+    """The exposures (c, e) of each visit as one addition of e p components."""
+    count, exposures = rows.shape
+    p, size = added.H.shape[1:]
+    noise = np.zeros((count, exposures, p, exposures, p))
+    for k in range(exposures):
+        noise[:, k, :, k, :] = added.noise[rows[:, k]]
+    H = added.H[rows].reshape(count, exposures * p, size)
+    return Additions(H=H, noise=noise.reshape(count, exposures * p, exposures * p))
 
 
 def _sigmas(factors: Array) -> tuple[Array, Array]:
@@ -235,16 +263,35 @@ def plan(mission: Mission, wish: Wish, say: Callable[[str], None] = lambda messa
         estimator = _named(mission, "estimators", "--estimator", wish.estimator)
     for name in wish.visit_s or {}:
         _named(mission, "telescopes", "--visit-time", name)
+    lasts_s = _require_exposures(wish)
     scene = build_scene(mission)
     say("looking for visible epochs")
     priors = prior_table(mission, scene.forces, scene.state)
-    offered = candidates(scene, estimator, priors, grids(scene, wish.start_s, wish.end_s, wish.step_s))
+    starts = grids(scene, wish.start_s, wish.end_s, wish.step_s, lasts_s)
+    offered = candidates(scene, estimator, priors, starts, wish.exposures, wish.spacing_s)
     asked = quantity(scene, scene.trajectory, request)
-    planner = Planner(offered, SOLVERS[estimator.method], asked)
+    planner = Planner(offered, SOLVERS[estimator.method], asked, lasts_s)
     visit_s = wish.visit_s or {}
     hours = np.array([visit_s.get(telescope.name, wish.visit_default_s) / HOUR_S for telescope in scene.telescopes])
     say(f"scoring {planner.count} candidate epochs")
     return _found(scene, wish, planner, asked, estimator.name, hours)
+
+
+def _require_exposures(wish: Wish) -> float:
+    """How long a visit lasts, s, from its first exposure to its last; InputError if its numbers do not go together."""
+    if not 1 <= wish.exposures <= MOST_EXPOSURES:
+        raise InputError(f"--exposures: {wish.exposures} is out of range (allowed 1 to {MOST_EXPOSURES})")
+    if (wish.exposures > 1) != (wish.spacing_s > 0.0):
+        raise InputError('--spacing: goes with --exposures: several of them, and the time to the next, as "1 min"')
+    lasts = (wish.exposures - 1) * wish.spacing_s
+    times = {"each visit": wish.visit_default_s, **(wish.visit_s or {})}
+    for name, time in times.items():
+        if lasts > time:
+            raise InputError(
+                f"--visit-time: {wish.exposures} exposures last {lasts / HOUR_S:.3g} h, longer than the "
+                f"{time / HOUR_S:.3g} h of {name}; give more time or less spacing"
+            )
+    return lasts
 
 
 def _named(mission: Mission, part: str, option: str, name: str) -> Any:
@@ -285,12 +332,15 @@ def _found(scene: Scene, wish: Wish, planner: Planner, asked: Quantity, estimato
         "unit": unit,
         "estimator": estimator,
         "criterion": wish.criterion,
-        "n_observations": int(offered.problem.n - planner.count),
+        "n_observations": int(offered.problem.n - offered.rows.size),
         "n_candidates": planner.count,
+        "exposures": wish.exposures,
+        "spacing_s": wish.spacing_s,
         "visit_hours": {telescope.name: float(h) for telescope, h in zip(scene.telescopes, hours)},
         "sigma_now": {"a": now[0], "d": now[1]},
         "best_next": best,
         "windows": sorted(windows, key=lambda row: -row["reduction_per_hour"]),
+        "never_visible": [t.name for t, seen in zip(scene.telescopes, offered.visible_s) if not len(seen)],
         "greedy": {name: _schedule(scene, planner, greedy[name]) for name in greedy},
         "uniform": _schedule(scene, planner, planner.even(wish.visits)),
         "curves": _curves(scene, planner, scores),
@@ -327,10 +377,11 @@ def _window(
         first -= 1
     while last + 1 < mine.size and good[last + 1]:
         last += 1
-    ends = [(scene.epoch + float(planner.offered.t_s[mine[k]])).iso(digits=0) for k in (first, last)]
+    t_s, seen = planner.offered.t_s[mine], planner.offered.visible_s[telescope]
     return {
         **_visit(scene, planner, int(mine[best]), sigmas, now),
-        "window_tdb": ends,
+        "window_tdb": [(scene.epoch + float(t)).iso(digits=0) for t in t_s[[first, last]]],
+        "visible_tdb": [[(scene.epoch + float(t)).iso(digits=0) for t in one] for one in seen],
         "reduction_per_hour": float(rates[mine][best]),
     }
 

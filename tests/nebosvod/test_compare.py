@@ -6,12 +6,15 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import jsonschema
 import pytest
 
+import nebosvod
 from nebosvod.cli import main
 from nebosvod.compare import compare
 from nebosvod.errors import InputError
 
+SCHEMA = json.loads((Path(nebosvod.__file__).parent / "comparison.schema.json").read_text("utf-8"))
 Change = Callable[[dict[str, Any]], None]
 
 
@@ -179,3 +182,36 @@ def test_json_alone_on_stdout(pair: Callable[[Change], tuple[Path, Path]], capsy
     folders = pair(set_object)
     assert main(["compare", *map(str, folders), "--json"]) == 0
     assert json.loads(capsys.readouterr().out) == compare(folders)
+
+
+def test_every_comparison_follows_its_schema(pair: Callable[[Change], tuple[Path, Path]]) -> None:
+    def less(summary: dict[str, Any]) -> None:
+        summary["predictions"].clear()
+        summary["estimators"][0]["name"] = "other"
+
+    first, other = pair(less)
+    again = other.with_name("again")
+    shutil.copytree(first, again)
+    for folders in ([first, other], [first, again]):
+        jsonschema.Draft202012Validator(SCHEMA).validate(json.loads(json.dumps(compare(folders))))
+
+
+def test_one_telescope_against_two_costs_what_two_missions_say(tmp_path: Path, minimal_text: str) -> None:
+    """The second telescope makes every sigma smaller, and its sources stand with 0 where it is not."""
+    cut = minimal_text.index("  - {name: behind")
+    alone = minimal_text[:cut] + minimal_text[minimal_text.index("schedule:") :]
+    folders = []
+    for name, text in (("two", minimal_text), ("one", alone.replace("name: minimal", "name: alone"))):
+        (tmp_path / f"{name}.yaml").write_text(text, "utf-8")
+        assert main(["run", str(tmp_path / f"{name}.yaml"), "-o", str(tmp_path / name)]) == 0
+        folders.append(tmp_path / name)
+    found = compare(folders)
+    jsonschema.Draft202012Validator(SCHEMA).validate(json.loads(json.dumps(found)))
+    (row,) = found["predictions"]
+    assert row["comparable"]
+    assert row["ratio"][1] > 2.0
+    assert found["estimators"][0]["ratio_position"][1] > 2.0
+    (noise,) = (part for part in row["budget"] if part["source"] == "measurement noise behind")
+    assert noise["share"][0] > 0.1
+    assert noise["share"][1] == 0.0
+    assert [run["telescopes"] for run in found["runs"]] == [["ahead", "behind"], ["ahead"]]

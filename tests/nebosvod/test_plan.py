@@ -1,12 +1,15 @@
 """`nebosvod plan`: every score is what a new run with that measurement gives, and the advice is the best of them."""
 
+import itertools
 import json
 from pathlib import Path
 from typing import Any
 
+import jsonschema
 import numpy as np
 import pytest
 
+import nebosvod
 from nebosvod.assembly import computed_psi, linear_problem, nominal_point, view
 from nebosvod.cli import main
 from nebosvod.errors import GeometryError, InputError
@@ -17,8 +20,11 @@ from nebosvod.plan import Wish, plan, read_wish
 from nebosvod.predictions import quantity
 from nebosvod.prior import prior_table
 from nebosvod.scene import build_scene
+from nebosvod.timescale import Epoch
 
 NAME = "ten days later"
+SCHEMA = json.loads((Path(nebosvod.__file__).parent / "plan.schema.json").read_text("utf-8"))
+PAGE = (Path(__file__).resolve().parents[2] / "docs" / "validation-command.md").read_text("utf-8")
 HOUR = 3600.0
 DAY = 24 * HOUR
 # between the mission's own epochs, so that a schedule can hold each candidate as an arc of its own
@@ -40,10 +46,10 @@ def changed(text: str, change: str) -> str:
     return text.replace(before, after, 1) if before else text
 
 
-def with_visits(text: str, visits: list[tuple[str, str]]) -> Mission:
+def with_visits(text: str, visits: list[tuple[str, str]], more: str = "") -> Mission:
     """The mission with visits more in its schedule: (telescope, epoch)."""
     arcs = "".join(
-        f"  - {{telescopes: [{telescope}], start: {epoch}, end: {epoch}, cadence: 1 d}}\n"
+        f"  - {{telescopes: [{telescope}], start: {epoch}, end: {epoch}, cadence: 1 d{more}}}\n"
         for telescope, epoch in visits
     )
     return load_mission_text(text.replace("predictions:", arcs + "predictions:"))
@@ -94,6 +100,64 @@ def test_the_greedy_schedule_is_the_best_at_each_step_by_brute_force(minimal_tex
         taken.append(best)
 
 
+@pytest.mark.parametrize("change", ["considered bias", "ignored position", "orbit error", "correlated position"])
+def test_a_visit_of_three_exposures_scores_what_the_mission_with_them_gives(minimal_text: str, change: str) -> None:
+    text = changed(minimal_text, change)
+    wish = Wish(prediction=NAME, visits=2, exposures=3, spacing_s=600.0, **GRID)  # type: ignore[arg-type]
+    found = plan(load_mission_text(text), wish)
+    assert (found["n_observations"], found["n_candidates"], found["exposures"]) == (62, 8, 3)
+    three = ", exposures: 3, spacing: 10 min"
+    for curve in found["curves"]:
+        for epoch, a, d in zip(curve["epoch_tdb"], curve["sigma_after"]["a"], curve["sigma_after"]["d"]):
+            wanted = solved_from_scratch(with_visits(text, [(curve["telescope"], epoch)], three))
+            assert (a, d) == pytest.approx(wanted, rel=1e-7), (curve["telescope"], epoch)
+    both = [(row["telescope"], row["epoch_tdb"]) for row in found["greedy"]["d"]]
+    wanted = solved_from_scratch(with_visits(text, both, three))
+    assert found["greedy"]["d"][-1]["sigma_after"]["d"] == pytest.approx(wanted[1], rel=1e-7)
+
+
+def test_visits_of_one_telescope_do_not_overlap(minimal: Mission) -> None:
+    wish = Wish(prediction=NAME, visits=6, exposures=4, spacing_s=1200.0, step_s=HOUR / 2)
+    found = plan(minimal, wish)
+    for schedule in (*found["greedy"].values(), found["uniform"]):
+        assert len(schedule) == 6
+        for one, other in itertools.combinations(schedule, 2):
+            if one["telescope"] == other["telescope"]:
+                apart = abs(Epoch.parse(one["epoch_tdb"]) - Epoch.parse(other["epoch_tdb"]))
+                assert apart > 3 * 1200.0
+
+
+def test_greedy_comes_close_to_the_best_of_all_triples(minimal_text: str) -> None:
+    """The 20 triples of late visits by brute force: greedy is no better than the best, and within 2 % of it here."""
+    found = plan(load_mission_text(minimal_text), Wish(prediction=NAME, visits=3, **GRID))  # type: ignore[arg-type]
+    everything = [(curve["telescope"], epoch) for curve in found["curves"] for epoch in curve["epoch_tdb"]]
+    best = min(
+        solved_from_scratch(with_visits(minimal_text, list(three)))[0]
+        for three in itertools.combinations(everything, 3)
+        if all(epoch >= "2028-04-08" for _, epoch in three)
+    )
+    reached = found["greedy"]["a"][-1]["sigma_after"]["a"]
+    assert best * (1.0 - 1e-7) <= reached <= 1.02 * best
+
+
+@pytest.mark.parametrize("name", ["minimal", "surveyor-venus"])
+def test_the_result_follows_its_schema_and_the_page_names_every_key(name: str) -> None:
+    mission = load_mission(name)
+    found = plan(mission, Wish(prediction=mission.predictions[0].name, visits=2, exposures=2, spacing_s=60.0))
+    jsonschema.Draft202012Validator(SCHEMA).validate(json.loads(json.dumps(found)))
+    keys = {*found, *found["windows"][0], *found["curves"][0]} - {"mission", "title", "object", "schema_version"}
+    assert sorted(key for key in keys if f"`{key}" not in PAGE) == []
+
+
+def test_windows_are_the_times_in_which_a_telescope_sees_the_object() -> None:
+    """Three of the six surveyors never see it; one that begins to see it late has a window from then on."""
+    found = plan(load_mission("surveyor-venus"), Wish(prediction="encounter", visits=1))
+    assert found["never_visible"] == ["V1", "V5", "V6"]
+    windows = {row["telescope"]: row["visible_tdb"] for row in found["windows"]}
+    assert windows["V2"] == [["2029-03-22T00:00:00 TDB", "2029-04-06T00:00:00 TDB"]]
+    assert windows["V3"] == [["2029-02-05T00:00:00 TDB", "2029-04-06T00:00:00 TDB"]]
+
+
 def test_chosen_visits_beat_even_ones_and_each_helps(minimal: Mission) -> None:
     found = plan(minimal, Wish(prediction=NAME, visits=6))
     for criterion in ("a", "d"):
@@ -140,6 +204,10 @@ def test_a_window_holds_the_neighbours_that_are_nearly_as_good(minimal: Mission)
         (["-p", NAME, "--to", "2100-01-01T00:00:00 TDB"], 2, "beyond the orbit"),
         (["-p", NAME, "--estimator", "oracle"], 2, "no estimator 'oracle'; there are: batch"),
         (["-p", NAME, "--visit-time", "hubble=1 h"], 2, "no telescope 'hubble'"),
+        (["-p", NAME, "--exposures", "0"], 2, "--exposures: 0 is out of range"),
+        (["-p", NAME, "--exposures", "3"], 2, "--spacing: goes with --exposures"),
+        (["-p", NAME, "--spacing", "1 min"], 2, "--spacing: goes with --exposures"),
+        (["-p", NAME, "--exposures", "3", "--spacing", "1 h"], 2, "3 exposures last 2 h, longer than the 1 h"),
     ],
 )
 def test_wrong_options_say_what_is_allowed(
