@@ -1,0 +1,211 @@
+"""Time of an orbit fit: one of 200 directions over 60 days, against their number, and a hundred objects in a row.
+
+The orbits are those of benchmarks/propagation.py (JPL Horizons), seen from two places on the ground with noise of
+0.2 arcsec; the fit starts 1e-4 au away from the truth. `correct` is the fit proper: damped Gauss-Newton with transition
+matrix through the compiled kernel, residuals, partials, QR, covariance. A hundred objects go through everything that
+`nebosvod fit --split` does but the files it writes: observers, weights, starting orbit, growth of the arc, rejection,
+estimate, answer. Times are of one thread, medians over repeats.
+Quoted, not measured here: layup 1.1.0 12.5 ms (docs/performance.md).
+Usage: python benchmarks/fit.py [--objects 100] [--observations 510] [--years 6]
+"""
+
+import argparse
+import importlib.util
+import statistics
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from nebosvod.dynamics import Ephemeris, ForceModel, propagate
+from nebosvod.dynamics.constants import AU_KM
+from nebosvod.estimation.square_root import lower_factor
+from nebosvod.fit.correction import Correction, correct
+from nebosvod.fit.sky import Sky, look
+from nebosvod.observation import GroundSite, Telescope, observe
+from nebosvod.observation.astrometry import merge
+from nebosvod.observation.direction import offset
+from nebosvod.observation.observers import telescopes
+from nebosvod.observation.records import Astrometry
+from nebosvod.timescale import SECONDS_PER_DAY, Epoch
+
+ARCSEC = np.pi / 648000.0
+SIGMA_ARCSEC = 0.2
+LAYUP_MS = 12.5
+GOAL_MS = 1.5
+OFF_AU = 1e-4
+EPOCH = Epoch.parse("2020-01-01T00:00:00 TDB")
+STATIONS = ("F51", "G96", "703", "I41", "T05", "T08", "F52", "W84")
+COUNTS = (50, 100, 200, 500, 1000, 2000, 5000, 10000)
+
+
+def orbits() -> dict[str, np.ndarray]:
+    """Starts (6,) of benchmarks/propagation.py."""
+    spec = importlib.util.spec_from_file_location("propagation", Path(__file__).with_name("propagation.py"))
+    if spec is None or spec.loader is None:
+        raise RuntimeError("benchmarks/propagation.py is not beside this file")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return {name: module.start_km(state) for name, state in module.OBJECTS.items()}
+
+
+def sky_of(state: np.ndarray, forces: ForceModel, n: int, days: float, rng: np.random.Generator) -> Sky:
+    """n noisy directions over `days` about the epoch, from two places by turns."""
+    t_s = np.sort(rng.uniform(-days / 2.0, days / 2.0, n)) * SECONDS_PER_DAY
+    trajectory = propagate(state, EPOCH, t_s, forces)
+    places = [GroundSite.from_parallax(1.0, 0.8, 0.55), GroundSite.from_parallax(-2.0, 0.9, -0.4)]
+    seen = merge(
+        [
+            observe(trajectory, Telescope(name=f"T{k}", spacecraft=place, sigma_rad=1e-6), t_s[k::2], forces.ephemeris)
+            for k, place in enumerate(places)
+        ]
+    )
+    sigma = SIGMA_ARCSEC * ARCSEC
+    R = np.tile(sigma**2 * np.eye(2), (n, 1, 1))
+    observed = offset(seen.psi, sigma * rng.standard_normal((n, 2)))
+    return Sky.of(EPOCH, seen.t_s, observed, R, seen.telescope_state, forces.ephemeris)
+
+
+def off(state: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """The state moved by 1e-4 au in a random direction, and by as large a part of its velocity."""
+    direction = rng.standard_normal((2, 3))
+    direction /= np.linalg.norm(direction, axis=1)[:, None]
+    speed, distance = np.linalg.norm(state[3:]), np.linalg.norm(state[:3])
+    return state + OFF_AU * np.concatenate([AU_KM * direction[0], AU_KM / distance * speed * direction[1]])
+
+
+def timed(run: Callable[[], object], repeats: int) -> float:
+    """Median time of a call, ms."""
+    run()
+    spent = []
+    for _ in range(repeats):
+        start = time.perf_counter()
+        run()
+        spent.append(time.perf_counter() - start)
+    return 1000.0 * statistics.median(spent)
+
+
+def check(found: Correction, truth: np.ndarray) -> float:
+    """Chi squared (6) of the error."""
+    return float(np.sum(np.linalg.solve(lower_factor(found.S), found.x - truth) ** 2))
+
+
+def one_fit(forces: ForceModel, repeats: int) -> float:
+    """Print the time of a fit of 200 directions over 60 d for each orbit; returns the median."""
+    print(f"{'object':<30} {'ms':>7} {'iterations':>11} {'chi2 (6)':>9} {'km off':>9}")
+    times = []
+    for number, (name, state) in enumerate(orbits().items()):
+        rng = np.random.default_rng(number)
+        sky, start = sky_of(state, forces, 200, 60.0, rng), off(state, rng)
+        found = correct(sky, start, forces)
+        spent = timed(lambda sky=sky, start=start: correct(sky, start, forces), repeats)
+        times.append(spent)
+        gap = float(np.linalg.norm(found.x[:3] - state[:3]))
+        print(f"{name:<30} {spent:7.3f} {found.iterations:11d} {check(found, state):9.1f} {gap:9.0f}")
+    median = statistics.median(times)
+    print(
+        f"median {median:.3f} ms (goal {GOAL_MS} ms); layup 1.1.0 quoted at {LAYUP_MS} ms: "
+        f"{LAYUP_MS / median:.1f} times as long"
+    )
+    return median
+
+
+def slope(forces: ForceModel, repeats: int) -> float:
+    """Print the time against the number of observations and the slope of its logarithm at the upper end."""
+    state = next(iter(orbits().values()))
+    rng = np.random.default_rng(0)
+    times = []
+    for n in COUNTS:
+        sky, start = sky_of(state, forces, n, 60.0, rng), off(state, rng)
+        times.append(timed(lambda sky=sky, start=start: correct(sky, start, forces), repeats))
+        print(f"{n:6d} observations {times[-1]:8.3f} ms")
+    upper = np.array(COUNTS) >= 500
+    fitted = float(np.polyfit(np.log(np.array(COUNTS)[upper]), np.log(np.array(times)[upper]), 1)[0])
+    print(f"slope from 500 observations on: {fitted:.2f} (goal <= 1.1)")
+    return fitted
+
+
+def many(forces: ForceModel, objects: int, observations: int, years: float) -> float:
+    """Fit many objects from their records alone, with progress; prints and returns the time, s."""
+    from nebosvod.fit.answer import answer
+    from nebosvod.fit.engine import fit_object
+    from nebosvod.fit.outcome import mission_of
+    from nebosvod.fit.summary import summarise
+
+    rng = np.random.default_rng(1)
+    states = list(orbits().values())
+    parts = []
+    print(f"making {objects * observations:,} records of {objects} objects", file=sys.stderr)
+    for number in range(objects):
+        state = states[number % len(states)].copy()
+        state[:3] *= rng.uniform(0.97, 1.03)
+        parts.append(records_of(state, forces, f"X{number:03d}", observations, years, rng))
+    mission = mission_of(["made"], None)
+    start, good = time.perf_counter(), 0
+    for number, records in enumerate(parts, start=1):
+        found = answer(fit_object(records, mission, forces.ephemeris))
+        summarise(found)
+        good += not found.fit.verdict.failed
+        print(f"\r{number} of {objects}, {time.perf_counter() - start:.1f} s", end="", file=sys.stderr, flush=True)
+    spent = time.perf_counter() - start
+    print(file=sys.stderr)
+    print(f"{objects} objects, {objects * observations:,} observations: {spent:.1f} s (goal 10 s), {good} converged")
+    return spent
+
+
+def records_of(
+    state: np.ndarray, forces: ForceModel, name: str, n: int, years: float, rng: np.random.Generator
+) -> Astrometry:
+    """Records of surveys: nights of three to five exposures half an hour apart, noise 0.2 arcsec, Gaia's stars."""
+    nights = np.sort(rng.uniform(-years / 2.0, years / 2.0, n // 4 + 1)) * 365.25 * SECONDS_PER_DAY
+    t_s = (nights[:, None] + 1800.0 * np.arange(4)).ravel()[:n]
+    empty = np.full(n, np.nan)
+    bare = Astrometry(
+        epoch=EPOCH,
+        path=np.full(n, "made"),
+        line=np.arange(1, n + 1),
+        designation=np.full(n, name),
+        station=np.repeat(rng.choice(STATIONS, len(nights)), 4)[:n],
+        t_s=t_s,
+        utc=np.array([(EPOCH + t).iso(scale="utc") for t in t_s.tolist()]),
+        psi=np.zeros((n, 2)),
+        precision_rad=np.full((n, 2), 0.01 * ARCSEC),
+        sigma_rad=np.full((n, 2), SIGMA_ARCSEC * ARCSEC),
+        correlation=np.zeros(n),
+        timing_sigma_s=empty,
+        catalogue=np.full(n, "Gaia2"),
+        mode=np.full(n, "CCD"),
+        centre=np.full(n, ""),
+        position_km=np.full((n, 3), np.nan),
+        position_covariance_km2=np.full((n, 3, 3), np.nan),
+        roving=np.zeros(n, dtype=bool),
+        magnitude=empty,
+        band=np.full(n, ""),
+        discovery=np.zeros(n, dtype=bool),
+    )
+    places = telescopes(bare, forces.ephemeris)
+    R = np.tile((SIGMA_ARCSEC * ARCSEC) ** 2 * np.eye(2), (n, 1, 1))
+    sky = Sky.of(EPOCH, t_s, bare.psi, R, places.state_km_km_s, forces.ephemeris)
+    psi = look(propagate(state, EPOCH, sky.span_s, forces), sky).psi
+    return replace(bare, psi=offset(psi, SIGMA_ARCSEC * ARCSEC * rng.standard_normal((n, 2))))
+
+
+def main() -> None:
+    """Run all three."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--objects", type=int, default=100)
+    parser.add_argument("--observations", type=int, default=510)
+    parser.add_argument("--years", type=float, default=6.0)
+    parser.add_argument("--repeats", type=int, default=50)
+    asked = parser.parse_args()
+    forces = ForceModel(ephemeris=Ephemeris.load())
+    one_fit(forces, asked.repeats)
+    slope(forces, max(5, asked.repeats // 5))
+    many(forces, asked.objects, asked.observations, asked.years)
+
+
+if __name__ == "__main__":
+    main()
