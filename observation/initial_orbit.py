@@ -1,10 +1,11 @@
-"""A first orbit from directions alone: Gauss's method on many triplets, systematic ranging where that fails.
+"""A first orbit from directions alone: Gauss's method on many triplets, systematic ranging beside it.
 
-Spans of several lengths are cut out of the observations, each where most nights lie. On each one Gauss's method is
-tried on triplets from its beginning, middle and end; what it finds is improved by least squares over the span, robust
-against gross errors, with the pull of Earth, Moon and Jupiter. Candidates are ranked by how well they fit, then by the
-length of the span: a long one fixes the orbit better. Where no candidate fits, a grid of distances and range rates is
-searched. An orbit given back here fits a span to some arcseconds; it is where a fit starts, not a result.
+Spans of several lengths are cut out of the observations, each where most nights lie. On each one orbits come from
+Gauss's method on triplets of its beginning, middle and end, from a coarse grid of distances and range rates, and from
+the spans before; all are improved by least squares over the span, robust against gross errors, with the pull of Earth,
+Moon and Jupiter. When two spans have led to one orbit, the search ends. Candidates are ranked by how well they fit and
+by the length of the span: a long one fixes the orbit better. For arcs of one night, or where nothing fits, a fine grid
+is searched. An orbit given back here fits a span to some arcseconds; it is where a fit starts, not a result.
 """
 
 from dataclasses import dataclass
@@ -14,7 +15,7 @@ import numpy as np
 from nebosvod.dynamics.constants import AU_KM, DAY_S
 from nebosvod.observation.contracts import Array, Ephemeris
 from nebosvod.observation.gauss import gauss
-from nebosvod.observation.records import Astrometry, Rows
+from nebosvod.observation.records import Astrometry, Rows, Texts
 from nebosvod.observation.short_arc import Attributable, attributable, ranging
 from nebosvod.observation.two_body_fit import Arc, costs, improve, residuals, shifts, trimmed_rms
 from nebosvod.observation.universal import fly
@@ -23,18 +24,18 @@ from nebosvod.timescale import Epoch
 
 __all__ = ["Attributable", "StartingOrbit", "attributable", "candidates"]
 
-SPANS_D = (8.5, 17.0, 3.5, 32.0, 1.3, 60.0, 0.15)  # in the order in which they are tried
-ENOUGH = 2  # spans with an orbit that fits, after which no other is tried
-MOST_ROWS = 40  # directions of a span that are used
+SPANS_D = (8.5, 17.0, 3.5, 32.0, 1.3, 60.0, 0.15, 150.0)  # in the order in which they are tried
+COMMON_D, LONGEST_D = 60.0, 400.0  # the whole arc is a span of its own: the first one, or the last
+MOST_ROWS = 30  # directions of a span that are used
 TRIPLETS = 6
-IMPROVED = 6  # candidates of a span that least squares goes on with
+IMPROVED, GRIDDED, CARRIED = 5, 4, 2  # orbits of Gauss, of the coarse grid, of another span that least squares takes on
 MOST = 8  # candidates given back
 FITS = 1.5  # trimmed rms, in sigmas, of a candidate that needs no rival
 GOOD = 2.0  # of one that fits
-POOR = 4.0  # above which the grid is searched as well
+RIVAL = 1.5  # an orbit whose rms is larger than that of the best of its span by this factor comes after it
 HOPELESS = 20.0  # above which a candidate is left out, unless all are like that
-SHORT_D = 0.5  # an arc of one night: its distance is hardly known, so the grid is searched in any case
-SAME_AU = 1e-4
+SHORT_D = 0.5  # an arc of one night: its distance is hardly known, so the fine grid is searched
+SAME = 0.02  # of the distance: orbits nearer to each other are one
 PRECISE_ARCSEC = 1.6
 UNBOUND = 1.5  # an unbound orbit must fit better by this factor
 SECOND_D = 1e-5
@@ -72,7 +73,7 @@ class _Found:
     states: Array
     merit: Array
     triplets: Rows
-    method: str
+    method: Texts
 
 
 def candidates(astrometry: Astrometry, observer_states: Array, ephemeris: Ephemeris) -> tuple[StartingOrbit, ...]:
@@ -94,17 +95,28 @@ def candidates(astrometry: Astrometry, observer_states: Array, ephemeris: Epheme
     sigma[...] = weigh(astrometry, night_limit=None).sigma_rad
     found: list[_Found] = []
     for rows in spans(astrometry.t_s[order] / DAY_S, np.max(sigma[order], axis=1)):
-        if sum(bool((one.merit < FITS).any()) for one in found) == ENOUGH:
-            break
         mine = order[rows]
         arc = Arc.of(
             astrometry.epoch, astrometry.t_s[mine], astrometry.psi[mine], sigma[mine], observer_states[mine], ephemeris
         )
-        found.append(_by_gauss(arc, mine))
-    if max(np.ptp(one.arc.t) for one in found) < SHORT_D or not any((one.merit < POOR).any() for one in found):
-        shortest = min(found, key=lambda one: float(np.ptp(one.arc.t)))
-        found.append(_by_ranging(shortest, observer_states, astrometry, ephemeris))
+        found.append(_search(arc, mine, _observer_velocity(arc, mine, observer_states, astrometry, ephemeris), found))
+        if _settled(found):
+            break
     return _ranked(found, astrometry)
+
+
+def _settled(found: list[_Found]) -> bool:
+    """Whether the last span has led to an orbit that fits, and one before it to the same."""
+    last = found[-1]
+    if not (last.merit < FITS).any():
+        return False
+    best = last.states[np.argmin(last.merit)]
+    for other in found[:-1]:
+        if (other.merit < FITS).any():
+            there = fly(other.states[_best(other, 1)], np.array([last.arc.t0 - other.arc.t0]), last.arc.gm)[0]
+            if np.linalg.norm(there[:3] - best[:3]) < SAME * _distance(last.arc, best[None])[0]:
+                return True
+    return False
 
 
 def spans(t: Array, sigma: Array) -> tuple[Rows, ...]:
@@ -120,8 +132,10 @@ def spans(t: Array, sigma: Array) -> tuple[Rows, ...]:
     time = t[precise]
     total = float(np.ptp(time))
     lengths = [length for length in SPANS_D if length < total]
-    if total < max(SPANS_D):
+    if total < COMMON_D:
         lengths.insert(0, total)
+    elif total < LONGEST_D:
+        lengths.append(total)
     chosen: list[Rows] = []
     for length in dict.fromkeys(lengths):
         first, last = _fullest(time, length)
@@ -173,29 +187,40 @@ def triplets(t: Array) -> Rows:
     return np.array(list(dict.fromkeys(picks)), dtype=np.int64).reshape(-1, 3)
 
 
-def _by_gauss(arc: Arc, rows: Rows) -> _Found:
-    """What Gauss's method finds on a span, improved."""
-    picks = triplets(arc.t)
-    states, when, parent = gauss(arc.u[picks], arc.q[picks], arc.sun_velocity[picks], arc.t[picks], arc.gm)
-    states = _carried(arc, states, when)
-    with np.errstate(all="ignore"):
-        cost = costs(residuals(arc, states, shifts(arc, states))) if len(states) else np.empty(0)
-    best = _distinct(states, cost, IMPROVED)
-    return _improved(arc, rows, states[best], picks[parent[best]], "Gauss")
-
-
-def _by_ranging(span: _Found, observer_states: Array, astrometry: Astrometry, ephemeris: Ephemeris) -> _Found:
-    """The best of a grid of distances and range rates on a span, improved."""
-    arc, rows = span.arc, span.rows
+def _search(arc: Arc, rows: Rows, observer_velocity: Array, before: list[_Found]) -> _Found:
+    """The orbits of a span, from all places there are to start from, improved."""
     middle = int(np.argmin(np.abs(arc.t - arc.t0)))
-    sun = ephemeris.state_km_km_s("sun", astrometry.epoch, astrometry.t_s[rows[middle : middle + 1]])
-    velocity = (observer_states[rows[middle], 3:] - sun[0, 3:]) * (DAY_S / AU_KM)
-    states = ranging(arc, velocity, keep=2 * IMPROVED)
-    ends = np.tile([0, middle, arc.t.size - 1], (len(states), 1))
-    return _improved(arc, rows, states, ends, "ranging")
+    picks = triplets(arc.t)
+    first, when, parent = gauss(arc.u[picks], arc.q[picks], arc.sun_velocity[picks], arc.t[picks], arc.gm)
+    known = [fly(one.states[_best(one, CARRIED)], np.array([arc.t0 - one.arc.t0]), arc.gm) for one in before]
+    short = np.ptp(arc.t) < SHORT_D
+    grid = ranging(arc, observer_velocity, keep=2 * IMPROVED if short else GRIDDED, fine=bool(short))
+    states = np.concatenate([fly(first, arc.t0 - when, arc.gm), *known, grid])
+    spread = np.array([[0, middle, arc.t.size - 1]])
+    taken = np.concatenate([picks[parent], np.repeat(spread, len(states) - len(first), axis=0)])
+    method = np.array(["Gauss"] * (len(states) - len(grid)) + ["ranging"] * len(grid))
+    with np.errstate(all="ignore"):
+        cost = costs(residuals(arc, states, shifts(arc, states)))
+    gridded = method == "ranging"
+    chosen = np.concatenate(
+        [
+            _distinct(arc, states, np.where(gridded, np.inf, cost), IMPROVED),
+            _distinct(arc, states, np.where(gridded, cost, np.inf), 2 * IMPROVED if short else GRIDDED),
+        ]
+    )
+    return _improved(arc, rows, states[chosen], taken[chosen], method[chosen])
 
 
-def _improved(arc: Arc, rows: Rows, states: Array, picks: Rows, method: str) -> _Found:
+def _observer_velocity(
+    arc: Arc, rows: Rows, observer_states: Array, astrometry: Astrometry, ephemeris: Ephemeris
+) -> Array:
+    """Velocity (3,) of the observer about the Sun at the middle of the arc, au/d."""
+    middle = rows[int(np.argmin(np.abs(arc.t - arc.t0)))]
+    sun = ephemeris.state_km_km_s("sun", astrometry.epoch, astrometry.t_s[middle : middle + 1])
+    return np.asarray((observer_states[middle, 3:] - sun[0, 3:]) * (DAY_S / AU_KM))
+
+
+def _improved(arc: Arc, rows: Rows, states: Array, picks: Rows, method: Texts) -> _Found:
     """Orbits after least squares over the span, with their fit; what diverged is left out."""
     if len(states):
         states, _ = improve(arc, states)
@@ -203,41 +228,55 @@ def _improved(arc: Arc, rows: Rows, states: Array, picks: Rows, method: str) -> 
         merit = trimmed_rms(residuals(arc, states, shifts(arc, states))) if len(states) else np.empty(0)
         energy = 0.5 * np.sum(states[:, 3:] ** 2, axis=1) - arc.gm / np.linalg.norm(states[:, :3], axis=1)
     merit = np.where(energy > 0.0, UNBOUND * merit, merit)
-    fine = np.isfinite(merit)
-    return _Found(arc=arc, rows=rows, states=states[fine], merit=merit[fine], triplets=rows[picks[fine]], method=method)
+    kept = _distinct(arc, states, merit, MOST)
+    return _Found(
+        arc=arc,
+        rows=rows,
+        states=states[kept],
+        merit=merit[kept],
+        triplets=rows[picks[kept]],
+        method=method[kept],
+    )
 
 
-def _carried(arc: Arc, states: Array, when: Array) -> Array:
-    """States at the middle of the arc."""
-    return fly(states, arc.t0 - when, arc.gm) if len(states) else states
+def _best(one: _Found, most: int) -> Rows:
+    """Numbers of the best orbits of a span."""
+    return np.argsort(one.merit, kind="stable")[:most]
 
 
-def _distinct(states: Array, cost: Array, most: int) -> Rows:
-    """Numbers of the cheapest states that are not the same orbit twice."""
+def _distance(arc: Arc, states: Array) -> Array:
+    """Distance (k,) of the object from the observer at the middle of the arc, au."""
+    middle = int(np.argmin(np.abs(arc.t - arc.t0)))
+    return np.asarray(np.linalg.norm(states[:, :3] - arc.q[middle], axis=1))
+
+
+def _distinct(arc: Arc, states: Array, cost: Array, most: int) -> Rows:
+    """Numbers of the cheapest states with finite cost that are not the same orbit twice."""
+    distance = _distance(arc, states)
     chosen: list[int] = []
     for number in np.argsort(cost, kind="stable").tolist():
-        if not np.isfinite(states[number]).all():
-            continue
-        if all(np.linalg.norm(states[number, :3] - states[other, :3]) > SAME_AU for other in chosen):
-            chosen.append(number)
-        if len(chosen) == most:
+        if len(chosen) == most or not np.isfinite(cost[number]):
             break
+        gaps = np.linalg.norm(states[chosen, :3] - states[number, :3], axis=1)
+        if np.isfinite(states[number]).all() and np.all(gaps > SAME * distance[number]):
+            chosen.append(number)
     rows: Rows = np.array(chosen, dtype=np.int64)
     return rows
 
 
 def _ranked(found: list[_Found], astrometry: Astrometry) -> tuple[StartingOrbit, ...]:
     """All candidates, those that fit first, among them those of the longest spans; at most MOST."""
-    flat = [(one, k) for one in found for k in _distinct(one.states, one.merit, MOST).tolist()]
+    flat = [(one, k) for one in found for k in range(len(one.states))]
     if not flat:
         return ()
     least = min(float(one.merit[k]) for one, k in flat)
     flat = [(one, k) for one, k in flat if one.merit[k] <= max(HOPELESS, 20.0 * least)]
 
-    def key(item: tuple[_Found, int]) -> tuple[bool, float]:
+    def key(item: tuple[_Found, int]) -> tuple[bool, float, float]:
         one, k = item
-        fits = bool(one.merit[k] <= max(GOOD, 2.0 * least))
-        return not fits, -float(np.ptp(one.arc.t)) + 1e-3 * float(one.merit[k]) if fits else float(one.merit[k])
+        best = float(one.merit.min())
+        fits = bool(best <= max(GOOD, 3.0 * least) and one.merit[k] <= RIVAL * best + 0.1)
+        return not fits, -float(np.ptp(one.arc.t)) if fits else 0.0, float(one.merit[k])
 
     orbits = []
     for one, k in sorted(flat, key=key)[:MOST]:
@@ -253,7 +292,7 @@ def _ranked(found: list[_Found], astrometry: Astrometry) -> tuple[StartingOrbit,
                 rms_arcsec=float(trimmed_rms(v)[0]) * 648000.0 / np.pi,
                 triplet=(int(one.triplets[k, 0]), int(one.triplets[k, 1]), int(one.triplets[k, 2])),
                 span_s=float(np.ptp(one.arc.t)) * DAY_S,
-                method=one.method,
+                method=str(one.method[k]),
             )
         )
     return tuple(orbits)

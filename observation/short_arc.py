@@ -16,8 +16,11 @@ from nebosvod.observation.weights import Weights, weigh
 
 ARCSEC_RAD = np.pi / 648000.0
 NEAREST_AU, FARTHEST_AU = 1e-4, 10.0
-DISTANCES, RATES = 40, 9
+COARSE_NEAREST_AU = 3e-3
+FINE, COARSE = (40, 9), (14, 5)  # distances and range rates of the two grids
+FEW_ROWS = 10  # directions that choose nodes of the coarse grid
 BOUND = 0.98  # range rates go up to this share of those with parabolic speed
+LONGEST_D = 10.0  # an arc longer than this is no line with a curvature
 SIGNIFICANT = 3.0  # sigmas of curvature above which an arc says something of the distance
 
 
@@ -50,6 +53,8 @@ class Attributable:
     def text(self) -> str:
         """What is known, in a sentence."""
         hours = self.arc_s / 3600.0
+        if hours > 24.0 * LONGEST_D:
+            return f"{self.number} observations over {hours / 24.0:.1f} d"
         arc = f"{hours:.1f} h" if hours < 48.0 else f"{hours / 24.0:.1f} d"
         motion = float(np.linalg.norm(self.rate_rad_s)) / ARCSEC_RAD * 3600.0
         error = float(np.linalg.norm(self.sigma_rate_rad_s)) / ARCSEC_RAD * 3600.0
@@ -108,33 +113,36 @@ def attributable(astrometry: Astrometry, weights: Weights | None = None) -> Attr
     )
 
 
-def ranging(arc: Arc, observer_velocity: Array, *, keep: int) -> Array:
+def ranging(arc: Arc, observer_velocity: Array, *, keep: int, fine: bool) -> Array:
     """Orbits (k, 6) bound to the Sun that fit an arc best, one for each of a grid of distances and range rates.
 
     Parameters
     ----------
     observer_velocity : shape (3,), of the observer about the Sun at the middle of the arc, au/d.
     keep : how many to return, best first, no two next to each other on the grid.
+    fine : the whole search, from 1e-4 au on; else a coarse one that only gives least squares other places to start.
 
     Notes
     -----
     Each node of the grid holds its distance and range rate while direction and motion are fitted.
     """
-    states, place = _grid(arc, observer_velocity)
+    states, place = _grid(arc, observer_velocity, fine)
     if not len(states):
         return states
-    states, cost = improve(arc, states, free="sky", steps=3)
+    used = arc if fine else arc.thinned(FEW_ROWS)
+    states, cost = improve(used, states, free="sky", steps=3 if fine else 2)
     chosen: list[int] = []
     for number in np.argsort(cost, kind="stable").tolist():
         if all(np.max(np.abs(place[number] - place[other])) > 1 for other in chosen):
             chosen.append(number)
         if len(chosen) == keep:
             break
-    return states[chosen]
+    return np.asarray(states[chosen])
 
 
-def _grid(arc: Arc, observer_velocity: Array) -> tuple[Array, Rows]:
+def _grid(arc: Arc, observer_velocity: Array, fine: bool) -> tuple[Array, Rows]:
     """States (k, 6) at the middle of the arc for every distance and range rate with a bound orbit, and their places."""
+    distances, rates = FINE if fine else COARSE
     middle = int(np.argmin(np.abs(arc.t - arc.t0)))
     x = arc.t - arc.t0
     towards = arc.u @ np.stack([arc.east[middle], arc.north[middle]], axis=1)
@@ -145,17 +153,17 @@ def _grid(arc: Arc, observer_velocity: Array) -> tuple[Array, Rows]:
     u = u / length
     sweep = (fit[1, 0] * arc.east[middle] + fit[1, 1] * arc.north[middle]) / length
     sweep = sweep - (sweep @ u) * u
-    distance = np.geomspace(NEAREST_AU, FARTHEST_AU, DISTANCES)
+    distance = np.geomspace(NEAREST_AU if fine else COARSE_NEAREST_AU, FARTHEST_AU, distances)
     r = arc.q[middle] + distance[:, None] * u
     across = observer_velocity + distance[:, None] * sweep
     along = across @ u
     room = 2.0 * arc.gm / np.linalg.norm(r, axis=1) - np.sum(across**2, axis=1) + along**2
     possible = np.flatnonzero(room > 0.0)
-    share = BOUND * np.linspace(-1.0, 1.0, RATES)
+    share = BOUND * np.linspace(-1.0, 1.0, rates)
     rate = -along[possible, None] + share * np.sqrt(room[possible, None])
     v = across[possible, None] + rate[:, :, None] * u
     states = np.concatenate([np.broadcast_to(r[possible, None], v.shape), v], axis=2).reshape(-1, 6)
-    places: Rows = np.stack(np.meshgrid(possible, np.arange(RATES), indexing="ij"), axis=2).reshape(-1, 2)
+    places: Rows = np.stack(np.meshgrid(possible, np.arange(rates), indexing="ij"), axis=2).reshape(-1, 2)
     return np.asarray(states), places
 
 

@@ -5,7 +5,7 @@ integrated twice along it (Picard). Units au, days, rad; residuals in units of t
 distribution, so that gross errors lose their pull.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -32,7 +32,7 @@ class Arc:
 
     Attributes
     ----------
-    t : (m,) reception times, d; t0 : time the states hold at, within them or near.
+    t : (m,) reception times, ascending, d; t0 : time the states hold at, within them or near.
     u, east, north : (m, 3) unit vectors of the directions and their tangent axes.
     q : (m, 3) observer from the Sun, au; sun_velocity : (m, 3), au/d, barycentric.
     sigma : (m, 2), rad, of RA cos Dec and Dec.
@@ -78,6 +78,14 @@ class Arc:
             pulls=unit * np.array([ephemeris.gm_km3_s2[body] for body in PERTURBERS]),
             gm=unit * ephemeris.gm_km3_s2["sun"],
         )
+
+    def thinned(self, most: int) -> "Arc":
+        """The same arc with at most so many of its directions, spread over their times."""
+        if self.t.size <= most:
+            return self
+        rows = np.unique(np.searchsorted(self.t, np.linspace(self.t[0], self.t[-1], most)))
+        names = ("t", "u", "east", "north", "q", "sun_velocity", "sigma")
+        return replace(self, **{name: getattr(self, name)[rows] for name in names})
 
 
 def displacements(arc: Arc, states: Array) -> tuple[Array, Array]:
