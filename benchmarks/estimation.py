@@ -25,6 +25,7 @@ from nebosvod.estimation import (
     batch,
     kalman,
     recursive,
+    separated,
     sequential,
 )
 
@@ -37,6 +38,7 @@ SOLVERS: dict[str, tuple[Callable[[LinearProblem], Estimate], str, int]] = {
     "recursive, Gauss-Markov": (recursive.solve, "markov", 6),
     "Joseph with budget": (sequential.solve, "white", 6),
     "Schmidt with budget": (lambda problem: sequential.solve(problem, "schmidt"), "white", 6),
+    "two stages with budget": (separated.solve, "white", 4),
 }
 GOALS = {"batch qr": 1.5, "recursive with history": 3.0}
 BLAS = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
