@@ -26,26 +26,29 @@ def expand_bodies(n: int, X: Array, P: Array, gm: Array, R: Array, S: Array, tid
     for l in range(8):
         tide[l] = 0.0
         bend[l] = 0.0
-    for b in range(1, gm.shape[0]):
-        g = gm[b]
+    # Two bodies at a time: the twelve sums go through memory half as often (a quarter of the time)
+    bodies = gm.shape[0]
+    for b in range(1, bodies, 2):
+        c = min(b + 1, bodies - 1)
+        g, h = gm[b], gm[c] if c > b else 0.0
         for l in range(n):
             dx, dy, dz = X[l] - P[b, l], X[8 + l] - P[b, 8 + l], X[16 + l] - P[b, 16 + l]
-            r2 = dx * dx + dy * dy + dz * dz
-            ir = 1.0 / np.sqrt(r2)
-            ir2 = ir * ir
-            f = g * ir2 * ir
-            f3 = 3.0 * f * ir2
-            R[l] -= f * dx
-            R[8 + l] -= f * dy
-            R[16 + l] -= f * dz
-            S[l] += f3 * dx * dx - f
-            S[8 + l] += f3 * dx * dy
-            S[16 + l] += f3 * dx * dz
-            S[24 + l] += f3 * dy * dy - f
-            S[32 + l] += f3 * dy * dz
-            S[40 + l] += f3 * dz * dz - f
-            tide[l] = max(tide[l], f)
-            bend[l] = max(bend[l], f * ir)
+            ex, ey, ez = X[l] - P[c, l], X[8 + l] - P[c, 8 + l], X[16 + l] - P[c, 16 + l]
+            ir, jr = 1.0 / np.sqrt(dx * dx + dy * dy + dz * dz), 1.0 / np.sqrt(ex * ex + ey * ey + ez * ez)
+            ir2, jr2 = ir * ir, jr * jr
+            f, q = g * ir2 * ir, h * jr2 * jr
+            f3, q3 = 3.0 * f * ir2, 3.0 * q * jr2
+            R[l] -= f * dx + q * ex
+            R[8 + l] -= f * dy + q * ey
+            R[16 + l] -= f * dz + q * ez
+            S[l] += (f3 * dx * dx - f) + (q3 * ex * ex - q)
+            S[8 + l] += f3 * dx * dy + q3 * ex * ey
+            S[16 + l] += f3 * dx * dz + q3 * ex * ez
+            S[24 + l] += (f3 * dy * dy - f) + (q3 * ey * ey - q)
+            S[32 + l] += f3 * dy * dz + q3 * ey * ez
+            S[40 + l] += (f3 * dz * dz - f) + (q3 * ez * ez - q)
+            tide[l] = max(tide[l], max(f, q))
+            bend[l] = max(bend[l], max(f * ir, q * jr))
 
 
 @kernel

@@ -29,7 +29,13 @@ MOST_HALVINGS = 40
 
 
 def follow(
-    state: Array, epoch: Epoch, span_s: tuple[float, float], needed_s: float, forces: ForceModel, sensitivities: bool
+    state: Array,
+    epoch: Epoch,
+    span_s: tuple[float, float],
+    needed_s: float,
+    forces: ForceModel,
+    sensitivities: bool,
+    grid: Trajectory | None = None,
 ) -> Trajectory:
     """The orbit over a span, or to within a second of the impact that ends it.
 
@@ -37,6 +43,7 @@ def follow(
     ----------
     state : shape (6,), heliocentric ICRF at `epoch`.
     needed_s : the last time somebody asks about.
+    grid : a near orbit, whose steps and ephemeris are used again where they suit (see `propagate`).
 
     Raises
     ------
@@ -45,7 +52,7 @@ def follow(
     """
     first = span_s[0]
     try:
-        return propagate(state, epoch, np.array(span_s), forces, sensitivities=sensitivities)
+        return propagate(state, epoch, np.array(span_s), forces, sensitivities=sensitivities, grid=grid)
     except EventError:
         end = max(needed_s, 0.0)
         known = propagate(state, epoch, np.array([first, end]), forces, sensitivities=False)
