@@ -26,7 +26,7 @@ from nebosvod.tables import all_arrays, all_tables
 from nebosvod.truth import draw
 
 Array = npt.NDArray[np.float64]
-LIBRARIES = ("numpy", "scipy", "astropy", "jplephem", "numba", "pyerfa")
+LIBRARIES = ("numpy", "scipy", "astropy", "jplephem", "numba", "pyerfa", "matplotlib")
 
 
 def run(mission: Mission, seed: int = 0, progress: Callable[[str], None] | None = None) -> Result:

@@ -104,19 +104,18 @@ def _draw(panel: Panel, K: Array, formal: Array | None, points: Array | None) ->
     inverse = np.linalg.solve(K, np.eye(2)) if np.linalg.cond(K) < 1e12 else None
     told = {} if inverse is None else {"data_k": " ".join(repr(v) for v in inverse[[0, 0, 1], [0, 1, 1]].tolist())}
     panel.open(**told)
-    panel.chart.parts.append(
+    panel.chart.raw(
         f'<svg class="view" x="{box[0]:g}" y="{box[1]:g}" width="{box[2]:g}" height="{box[3]:g}" '
         f'viewBox="{box[0]:g} {box[1]:g} {box[2]:g} {box[3]:g}" preserveAspectRatio="none">'
     )
     for level, _ in reversed(LEVELS):
-        panel.line(*outline(K, level).T, stroke=BLUE, stroke_width=2.0)
-        panel.chart.parts[-1] = panel.chart.parts[-1].replace('fill="none"', f'fill="{BLUE}" fill-opacity="0.1"')
+        panel.outline(*outline(K, level).T, fill=BLUE, fill_opacity=0.1, stroke=BLUE, stroke_width=2.0)
     if points is not None:
         panel.dots(points[:, 0], points[:, 1], "o", color=INK, size=1.8, opacity=0.45)
     for level, _ in LEVELS if formal is not None else ():
         panel.line(*outline(np.asarray(formal), level).T, stroke=VERMILION, stroke_width=1.1, stroke_dasharray="3 5")
     panel.dots([0.0], [0.0], "P", color=INK)
-    panel.chart.parts.append("</svg>")
+    panel.chart.raw("</svg>")
     for level, _ in LEVELS:
         line = outline(K, level)
         px, py = panel.at(*line[np.argmax(line[:, 1])])

@@ -150,8 +150,8 @@ def correlation_plate(elements: Item) -> Plate:
         chart.text(left - 6.0, top + side * i + side / 2 + 3.6, row, anchor="end")
         chart.text(left + side * i + side / 2, top + 6 * side + 14.0, row, anchor="middle")
         for j in range(6):
-            chart.add(
-                "rect", x=left + side * j, y=top + side * i, width=side - 1.5, height=side - 1.5,
+            chart.box(
+                left + side * j, top + side * i, side - 1.5, side - 1.5,
                 fill=VERMILION if r[i, j] < 0 else BLUE, fill_opacity=round(0.04 + 0.66 * abs(float(r[i, j])), 3),
             )  # fmt: skip
             chart.text(left + side * j + side / 2, top + side * i + side / 2 + 3.6, f"{r[i, j]:+.2f}", anchor="middle")

@@ -56,9 +56,12 @@
     if (scale.kind !== "log" && Math.abs(v) < 1e-4 * Math.abs(scale.v1 - scale.v0)) v = 0;  // finer than a pixel
     return name === "" ? "" : `${what} ${number(v)}${unit ? " " + unit : ""}`;
   };
-  const points = path => {
-    path.found ??= [...path.getAttribute("d").matchAll(/[ML](-?[\d.]+) (-?[\d.]+)/g)].map(m => [Number(m[1]), Number(m[2])]);
-    return path.found;
+  const points = mark => {  // ends of strokes, and places of markers
+    const of = e => e.tagName === "use" ? [[Number(e.getAttribute("x")), Number(e.getAttribute("y"))]]
+      : e.tagName !== "path" || e.closest("defs") ? []
+        : [...e.getAttribute("d").matchAll(/[ML](-?[\d.]+) (-?[\d.]+)/g)].map(m => [Number(m[1]), Number(m[2])]);
+    mark.found ??= [mark, ...mark.querySelectorAll("path, use")].flatMap(of);
+    return mark.found;
   };
   const place = (event, element) => new DOMPoint(event.clientX, event.clientY).matrixTransform(element.getScreenCTM().inverse());
 
@@ -80,9 +83,9 @@
         return;
       }
       let best = null, nearest = 24 ** 2;
-      for (const path of series) for (const [a, b] of points(path)) {
+      for (const mark of series) for (const [a, b] of points(mark)) {
         const far = (a - p.x) ** 2 + (b - p.y) ** 2;
-        if (far < nearest) { nearest = far; best = [a, b, path.dataset.n]; }
+        if (far < nearest) { nearest = far; best = [a, b, mark.dataset.n]; }
       }
       if (!best) { if (series.length) quiet(); return; }
       ring.setAttribute("cx", best[0]);

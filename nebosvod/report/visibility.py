@@ -58,12 +58,10 @@ def timeline(run: RunFolder, columns: Columns | None) -> Plate | None:
         for i, name in enumerate(names):
             mine = np.flatnonzero((who == name) & (why == reason))
             mine = mine[thin(len(mine), MOST)]
-            px, py = panel.at(t[mine] / SECONDS_PER_DAY, np.full(len(mine), -float(i)))
-            d = "".join(f"M{a:.1f} {b:.1f}v8" if reason == "-" else f"M{a:.1f} {b - 8:.1f}v8" for a, b in zip(px, py))
-            if d:
-                chart.add(
-                    "path", d=d, class_="s", data_n=_why(reason), stroke=_colour(reason), stroke_width=1, fill="none"
-                )
+            reach = -8.0 if reason == "-" else 8.0
+            if len(mine):
+                look = {"stroke": _colour(reason), "stroke_width": 1.0}
+                panel.sticks(t[mine] / SECONDS_PER_DAY, -float(i), reach, _why(reason), **look)
     panel.close()
     below = 8.0 + high
     if bright:

@@ -94,7 +94,7 @@ frame.onload = () => {
   const [a, b] = path.getAttribute("d").match(/M(-?[\\d.]+) (-?[\\d.]+)/).slice(1).map(Number);
   const p = new w.DOMPoint(a, b).matrixTransform(svg.getScreenCTM());
   found.point = move(svg, p.x, p.y);
-  const bar = d.querySelector("#budget-shares g.panel rect"), r = bar.getBoundingClientRect();
+  const bar = d.querySelector("#budget-shares g.panel g path"), r = bar.getBoundingClientRect();
   found.bar = move(bar, r.left + 2, r.top + 2);
   const table = d.querySelector("table.budget"), live = table.querySelector(".live");
   const boxes = table.querySelectorAll("input");
