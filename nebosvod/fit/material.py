@@ -40,6 +40,9 @@ class Material:
     observed : (n, 2) RA and Dec, rad, with the biases of their star catalogues taken out.
     sigma_rad : (n, 2) of RA cos Dec and Dec; correlation : (n,) of the two; rule : (n,) where the sigma came from.
     timing_sigma_s : (n,) of the time, as stated, else as the file says of clocks on the ground.
+    names, telescopes : those who observed, each once, in the order of their first observation; the sigma of a telescope
+        is a mean one, for each record has its own weight.
+    telescope_index : (n,) which of them made each observation.
     notices : what a user should know about all this.
     """
 
@@ -51,34 +54,14 @@ class Material:
     correlation: Array
     timing_sigma_s: Array
     rule: Texts
+    names: tuple[str, ...]
+    telescopes: tuple[Telescope, ...]
+    telescope_index: npt.NDArray[np.int64]
     notices: tuple[str, ...]
 
     def __len__(self) -> int:
         """Number of observations."""
         return len(self.astrometry)
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The telescopes, each once, in the order of their first observation."""
-        return tuple(dict.fromkeys(self.observers.telescope.tolist()))
-
-    @property
-    def telescopes(self) -> tuple[Telescope, ...]:
-        """The telescopes as observation knows them; their sigma is a mean one, each record has its own weight."""
-        return tuple(
-            Telescope(
-                name=name,
-                spacecraft=self.observers.spacecraft[name],
-                sigma_rad=np.sqrt(np.mean(self.sigma_rad[self.observers.telescope == name] ** 2, axis=0)),
-            )
-            for name in self.names
-        )
-
-    @property
-    def telescope_index(self) -> npt.NDArray[np.int64]:
-        """Which of `telescopes` made each observation (n,)."""
-        place = {name: number for number, name in enumerate(self.names)}
-        return np.array([place[name] for name in self.observers.telescope.tolist()], dtype=np.int64)
 
     @property
     def middle(self) -> Epoch:
@@ -173,17 +156,40 @@ def prepare(records: Astrometry, mission: FitMission, ephemeris: Ephemeris) -> M
     found = weights.weigh(records, rules)
     table = mission.beside(plan.debias) if plan.debias is not None else None
     correction, notices = debias.debias(records, table)
+    sigma = plan.noise_scale * found.sigma_rad
+    names, made, index = _telescopes(places, sigma)
     return Material(
         astrometry=records,
         observers=places,
         ephemeris=ephemeris,
         observed=offset(records.psi, -correction),
-        sigma_rad=plan.noise_scale * found.sigma_rad,
+        sigma_rad=sigma,
         correlation=found.correlation,
         timing_sigma_s=_clocks(records, plan.clock, found.night_count),
         rule=found.rule,
+        names=names,
+        telescopes=made,
+        telescope_index=index,
         notices=tuple(dict.fromkeys((*records.notices, *places.notices, *found.notices, *notices))),
     )
+
+
+def _telescopes(
+    places: Observers, sigma: Array
+) -> tuple[tuple[str, ...], tuple[Telescope, ...], npt.NDArray[np.int64]]:
+    """Names, telescopes, and which of them made each observation (n,)."""
+    names = tuple(dict.fromkeys(places.telescope.tolist()))
+    number = {name: k for k, name in enumerate(names)}
+    index = np.array([number[name] for name in places.telescope.tolist()], dtype=np.int64)
+    made = tuple(
+        Telescope(
+            name=name,
+            spacecraft=places.spacecraft[name],
+            sigma_rad=np.sqrt(np.mean(sigma[index == k] ** 2, axis=0)),
+        )
+        for k, name in enumerate(names)
+    )
+    return names, made, index
 
 
 def _clocks(records: Astrometry, ground_s: float, night_count: npt.NDArray[np.int64]) -> Array:
