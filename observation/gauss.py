@@ -14,6 +14,7 @@ Rows = npt.NDArray[np.int64]
 REFINEMENTS = 25
 STEP = 0.75  # of the way to the exact f and g in each refinement: whole steps swing about the answer on long arcs
 SETTLED = 1e-9  # relative change of the distances at which refinement ends
+WANDERED = 0.05  # relative change of the distance above which refinement has left the root it began with
 REAL = 1e-4  # imaginary part, relative, below which a root is real: double roots are split by rounding
 SPEED_OF_LIGHT_AU_D = 173.14463267424034
 FASTEST_AU_D = 0.06  # 104 km/s: above are no orbits of this Sun
@@ -40,25 +41,39 @@ def gauss(u: Array, q: Array, sun_velocity: Array, t: Array, gm: float) -> tuple
     with np.errstate(all="ignore"):
         span = t - t[:, 1:2]
         curve = (gm / r2**3)[:, None]
-        f, g = 1.0 - 0.5 * curve * span**2, span - curve * span**3 / 6.0
-        distance, states = _through(u, q, f, g)
-        when = t - distance / SPEED_OF_LIGHT_AU_D
-        for _ in range(REFINEMENTS):
-            before = distance
-            light = distance / SPEED_OF_LIGHT_AU_D
-            when = t - light
-            exact = lagrange_coefficients(states[:, None], when - when[:, 1:2], gm)
-            f, g = f + STEP * (exact[0] - f), g + STEP * (exact[1] - g)
-            better, moved = _through(u, q + sun_velocity * light[:, :, None], f, g)
-            good = np.flatnonzero(np.isfinite(moved).all(axis=1) & (better > 0.0).all(axis=1))
-            distance, states = distance.copy(), states.copy()
-            distance[good], states[good] = better[good], moved[good]
-            if not np.any(np.abs(distance - before) > SETTLED * np.abs(before)):
-                break
+        distance, states = _through(u, q, 1.0 - 0.5 * curve * span**2, span - curve * span**3 / 6.0)
+        refined = _refined(u, q, sun_velocity, t, distance, states, gm)
+        # where the iteration wanders off, to another root or nowhere, the root itself is worth a least-squares fit
+        astray = np.flatnonzero(~(np.abs(refined[0][:, 1] - distance[:, 1]) < WANDERED * distance[:, 1]))
+        distance = np.concatenate([refined[0], distance[astray]])
+        states = np.concatenate([refined[1], states[astray]])
+        triplet = np.concatenate([triplet, triplet[astray]])
+        when = np.concatenate([t, t[astray]])[:, 1] - distance[:, 1] / SPEED_OF_LIGHT_AU_D
         speed = np.linalg.norm(states[:, 3:], axis=1)
         fine = np.isfinite(states).all(axis=1) & (distance[:, 1] > 0.0) & (speed < FASTEST_AU_D)
     kept = np.flatnonzero(fine)
-    return states[kept], when[kept, 1], triplet[kept]
+    return states[kept], when[kept], triplet[kept]
+
+
+def _refined(
+    u: Array, q: Array, sun_velocity: Array, t: Array, distance: Array, states: Array, gm: float
+) -> tuple[Array, Array]:
+    """Distances (k, 3) and states (k, 6) with exact f and g at the times of emission, as far as iteration goes."""
+    f = g = None
+    for _ in range(REFINEMENTS):
+        before = distance
+        light = distance / SPEED_OF_LIGHT_AU_D
+        when = t - light
+        exact = lagrange_coefficients(states[:, None], when - when[:, 1:2], gm)
+        f = exact[0] if f is None else f + STEP * (exact[0] - f)
+        g = exact[1] if g is None else g + STEP * (exact[1] - g)
+        better, moved = _through(u, q + sun_velocity * light[:, :, None], f, g)
+        good = np.flatnonzero(np.isfinite(moved).all(axis=1) & (better > 0.0).all(axis=1))
+        distance, states = distance.copy(), states.copy()
+        distance[good], states[good] = better[good], moved[good]
+        if not np.any(np.abs(distance - before) > SETTLED * np.abs(before)):
+            break
+    return distance, states
 
 
 def _roots(u: Array, q: Array, t: Array, gm: float) -> tuple[Rows, Array]:

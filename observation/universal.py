@@ -20,7 +20,7 @@ def fly(state: Array, t: Array, gm: float) -> Array:
 
     Parameters
     ----------
-    state : shape (k, ..., 6); t : shape (at least one axis) that broadcasts against state[..., 0]; any consistent units.
+    state : shape (k, ..., 6); t : shape (one axis or more) that broadcasts against state[..., 0]; consistent units.
 
     Notes
     -----
