@@ -18,7 +18,7 @@ from nebosvod.estimation.budget import NoiseToNuisance, critical_sigma, noise_to
 from nebosvod.fitting import Fit
 from nebosvod.montecarlo import Sample
 from nebosvod.nonlinearity import clones, impact_share, nonlinearity, spread_of
-from nebosvod.predictions import Quantity, prediction_row
+from nebosvod.predictions import Quantity, known_partials, prediction_row
 from nebosvod.report.folder import slug
 from nebosvod.required import required
 from nebosvod.scene import Scene
@@ -101,7 +101,7 @@ def _drawn(
     plan = scene.mission.monte_carlo
     points = clones(scene, fit, asked, min(plan.runs if plan else 0, CLONES_MOST), seed)
     for one, row, found in zip(asked, rows, points):
-        row["monte_carlo"] = spread_of(one, found)
+        row["monte_carlo"] = spread_of(one, found, fit.estimate.predict(*known_partials(one, fit.estimate)).factor)
         if "impact_probability_linear" in row:
             row["impact_probability_monte_carlo"] = impact_share(one, found)
     return {f"clones_{slug(one.request.name)}_{one.unit}": found for one, found in zip(asked, points)}

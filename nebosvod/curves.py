@@ -75,13 +75,16 @@ def by_count(fit: Fit, asked: Sequence[Quantity]) -> list[dict[str, Any]]:
             "days": ((t_s[place] - t_s[0]) / SECONDS_PER_DAY).tolist(),
             "expected_slope": EXPECTED_SLOPE,
             "slope": {},
+            "slope_arc": {},
         }
         for _ in asked
     ]
+    arc = np.maximum(t_s - t_s[0], 0.0)
     for name, world in worlds.items():
         for row, quantity, total in zip(rows, asked, _followed(world, asked)):
             row[f"{name}_{quantity.unit}"] = [_finite(value) for value in total[place]]
             row["slope"][name] = last_slope(np.arange(1.0, n + 1.0), total)
+            row["slope_arc"][name] = last_slope(arc, total)
     for row, quantity in zip(rows, asked):
         row[f"prior_only_{quantity.unit}"] = prior_sigma(problem, quantity)
     return rows
@@ -147,7 +150,7 @@ def last_slope(x: Array, sigma: Array, sign: float = 1.0) -> float | None:
     inside = x >= 0.5 * x.max()
     if np.count_nonzero(inside) < 3:
         inside = np.ones(len(x), dtype=bool)
-    inside &= np.isfinite(sigma) & (sigma > 0.0)
+    inside &= np.isfinite(sigma) & (sigma > 0.0) & (x > 0.0)
     if np.count_nonzero(inside) < 3:
         return None
     return float(sign * np.polyfit(np.log(x[inside]), np.log(sigma[inside]), 1)[0])

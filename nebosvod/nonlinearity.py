@@ -15,15 +15,17 @@ import numpy as np
 import numpy.typing as npt
 
 from nebosvod.errors import EventError, InputError
-from nebosvod.estimation import Estimate
+from nebosvod.estimation import Estimate, ellipse
+from nebosvod.estimation.consistency import binomial_interval
 from nebosvod.fitting import Fit
-from nebosvod.predictions import ARCSEC, M_PER_KM, Quantity, known_partials, quantity
+from nebosvod.predictions import ARCSEC, M_PER_KM, SIGMAS, Quantity, known_partials, quantity
 from nebosvod.prior import STATE_NAMES
 from nebosvod.scene import Scene
 
 Array = npt.NDArray[np.float64]
 CHORD = float(np.sqrt(3.0))
 MISLEADS = 0.3  # rms departure in sigmas: it adds a tenth to the variance of that direction
+DECEIVED = 1.1  # a sigma of drawn orbits over the linear one, from which the linear one misleads
 INTERVAL = 0.95
 
 
@@ -176,13 +178,60 @@ def impact_share(one: Quantity, points: Array) -> dict[str, Any]:
     return {"runs": n, "hits": hits, "probability": hits / n if n else None, "interval_95": [low, high]}
 
 
-def spread_of(one: Quantity, points: Array) -> dict[str, Any]:
-    """Mean displacement and standard deviation of drawn orbits, to be held against the linear ones."""
-    valid = points[np.isfinite(points).all(axis=1)]
+def spread_of(one: Quantity, points: Array, factor: Array) -> dict[str, Any]:
+    """What drawn orbits did, held against the linear ellipse: their mean, ellipse, and whether the linear one misleads.
+
+    Parameters
+    ----------
+    factor : (d, r), K = factor factor^T is the linear covariance.
+    """
+    valid, unit = points[np.isfinite(points).all(axis=1)], one.unit
     row: dict[str, Any] = {"runs": len(points), "undefined": len(points) - len(valid)}
-    if len(valid) < 2:
-        return row | {f"mean_shift_{one.unit}": None, f"sigma_{one.unit}": None}
+    empty = (f"mean_shift_{unit}", f"sigma_{unit}", f"semi_axes_{unit}", f"max_deviation_{unit}")
+    if len(valid) <= valid.shape[1]:
+        return row | dict.fromkeys((*empty, "inside_linear_3_sigma", "misleads", "statement"))
+    mean, sigma = valid.mean(axis=0), valid.std(axis=0, ddof=1)
+    axes = np.linalg.svd((valid - mean) / np.sqrt(len(valid) - 1.0), compute_uv=False)
+    linear = np.linalg.svd(factor, compute_uv=False)
+    found = against_linear(valid, factor)
+    label = {"m_s": "m/s"}.get(unit, unit)
+    drawn, believed = (" x ".join(f"{axis:.4g}" for axis in size) for size in (axes, linear[: len(axes)]))
+    held, expected = (100.0 * found[key] for key in ("inside_linear_3_sigma", "expected_3_sigma"))
+    verdict = "the linear ellipse misleads" if found["misleads"] else "the linear ellipse holds"
     return row | {
-        f"mean_shift_{one.unit}": valid.mean(axis=0).tolist(),
-        f"sigma_{one.unit}": valid.std(axis=0, ddof=1).tolist(),
+        f"mean_shift_{unit}": mean.tolist(),
+        f"sigma_{unit}": sigma.tolist(),
+        f"semi_axes_{unit}": axes.tolist(),
+        f"max_deviation_{unit}": ellipse.maximum_deviation(mean, sigma, SIGMAS).tolist(),
+        **found,
+        "statement": f"{drawn} {label} drawn against {believed} {label} linear, {held:.3g} % of the orbits inside its "
+        f"3-sigma limit where {expected:.3g} % belong: {verdict}",
+    }
+
+
+def against_linear(points: Array, factor: Array) -> dict[str, Any]:
+    """Do points (N, d), deviations from the predicted value, come from N(0, factor factor^T)?
+
+    Notes
+    -----
+    The second moments of whitened points have roots between 1 -+ (sqrt d + 3) / sqrt N with 98 % (Davidson and Szarek
+    2001, II.13); it misleads where a root is a tenth beyond that, or the share inside 3 sigma is off by more than a
+    hundredth and has a chance below 1e-3.
+    """
+    left, lengths, _ = np.linalg.svd(factor, full_matrices=False)
+    kept = lengths > 1e-12 * lengths[0]
+    white = (points @ left[:, kept]) / lengths[kept]
+    n, d = white.shape
+    roots = np.linalg.svd(white / np.sqrt(n), compute_uv=False)
+    play = (np.sqrt(d) + 3.0) / np.sqrt(n)
+    wide, narrow = roots[0] > DECEIVED * (1.0 + play), roots[-1] < (1.0 - play) / DECEIVED
+    inside, expected = int(np.count_nonzero(np.sum(white**2, axis=1) <= SIGMAS**2)), ellipse.probability(SIGMAS, d)
+    low, high = binomial_interval(inside, n, level=1e-3)
+    off = abs(inside / n - expected) > 0.01 and not low <= expected <= high
+    return {
+        "inside_linear_3_sigma": inside / n,
+        "expected_3_sigma": expected,
+        "sigma_ratio_largest": float(roots[0]),
+        "sigma_ratio_smallest": float(roots[-1]),
+        "misleads": bool(wide or narrow or off),
     }

@@ -26,6 +26,7 @@ Array = npt.NDArray[np.float64]
 ARCSEC = np.pi / (180.0 * 3600.0)
 M_PER_KM = 1000.0
 SIGMAS = 3.0
+INSIDE = (0.5, 0.9, 0.99)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -236,6 +237,8 @@ def prediction_row(
         f"covariance_{unit}2": found.covariance.tolist(),
         f"covariance_formal_{unit}2": found.covariance_formal.tolist(),
         "probability": ellipse.probability(1.0, size),
+        "ellipse_levels": [_level(sigma, size) for sigma in (1.0, 2.0, 3.0)]
+        + [_level(ellipse.level_of(inside, size), size) for inside in INSIDE],
         "nonlinearity": dict(curved),
         "budget": budget,
     }
@@ -245,6 +248,11 @@ def prediction_row(
             # linear: a normal distribution on the plane, over the disc whose orbits hit the body
             row["impact_probability_linear"] = inside_disc(asked.value, found.factor, asked.facts["capture_radius_km"])
     return row
+
+
+def _level(sigma: float, size: int) -> dict[str, float]:
+    """An ellipsoid by its size in sigmas, and the probability inside."""
+    return {"sigma_level": sigma, "probability": ellipse.probability(sigma, size)}
 
 
 def _shape(factor: Array, unit: str) -> dict[str, Any]:

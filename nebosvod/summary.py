@@ -191,6 +191,9 @@ def _warnings(scene: Scene, fits: Sequence[Fit], findings: Findings) -> list[str
                 f"{row['estimator']}: the linear ellipse of {row['name']} misleads: the second-order term is "
                 f"{row['nonlinearity']['measure']:.2g} of its sigmas"
             )
+        drawn = row.get("monte_carlo") or {}
+        if drawn.get("misleads"):
+            said.append(f"{row['estimator']}: {row['name']}, by orbits drawn and propagated: {drawn['statement']}")
     for telescope, seen in zip(scene.telescopes, scene.visibilities):
         if not seen.visible.any():
             said.append(f"{telescope.name} never sees the object: {seen.explain()}")

@@ -78,6 +78,16 @@ def test_half_an_arc_is_the_mission_of_half_the_arc(
     assert found["all_km"][k] == pytest.approx(total(make_setting, text), rel=1e-6)
 
 
+def test_the_slope_against_the_arc_is_that_of_the_curve(minimal_setting: Setting) -> None:
+    """By the points of the curve over the second half of the arc; they are thinner than the curve: 10 %."""
+    one, asked = solved(minimal_setting)
+    found = curves(one, asked)[0]["measurements"]
+    late = [(d, s) for d, s in zip(found["days"], found["all_km"]) if d >= 15.0]
+    slope = np.polyfit(*np.log(np.array(late)).T, 1)[0]
+    assert found["slope_arc"]["all"] == pytest.approx(slope, rel=0.1)
+    assert found["slope_arc"]["noise_only"] < found["slope_arc"]["all"] < -1.0
+
+
 def test_noise_and_cadence_are_those_of_the_missions_that_say_so(
     make_setting: MakeSetting, minimal_setting: Setting, minimal_text: str
 ) -> None:
