@@ -113,7 +113,7 @@ def station_plate(rows: list[Item]) -> Plate | None:
     chart = Chart("stations", height=height + 84.0)
     largest = max(max(row[f"rms_{axis}_arcsec"] for axis in ("ra", "dec")) for row in shown)
     for column, (axis, title) in enumerate((("ra", "RA cos Dec"), ("dec", "Dec"))):
-        x = linear([-largest, largest], "arcsec", most=4)
+        x = linear([-largest, largest], "arcsec", most=6)
         y = named(names) if column == 0 else named(names).silenced()
         left, right = ((78.0, 246.0), (256.0, 424.0))[column]
         panel = chart.panel(x, y, top=20.0, bottom=20.0 + height, left=left, right=right, title=title)
