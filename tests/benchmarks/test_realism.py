@@ -1,4 +1,4 @@
-"""The counting behind the table of realism: right where the errors are as assumed, too few inside where they are not."""
+"""Counting behind the table of realism: right where the errors are as assumed, too few inside where they are not."""
 
 import importlib.util
 import sys

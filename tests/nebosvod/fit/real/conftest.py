@@ -12,7 +12,7 @@ import numpy.typing as npt
 import pytest
 
 from nebosvod.dynamics import Ephemeris, propagate
-from nebosvod.dynamics.elements import equinoctial_to_state
+from nebosvod.dynamics.elements import cometary_to_state, equinoctial_to_state
 from nebosvod.fit.engine import OrbitFit, fit_object
 from nebosvod.fit.orbit import OrbitAt, orbit_at
 from nebosvod.mission import FitMission
@@ -216,3 +216,21 @@ def orbfit_solution(ephemeris: Ephemeris) -> Callable[[Path], Solution]:
         )
 
     return read
+
+
+@pytest.fixture(scope="session")
+def phaethon_of_jpl(data: Path, ephemeris: Ephemeris) -> Solution:
+    """JPL's solution 628 of (3200) Phaethon, July 2018: cometary elements with A2."""
+    orbit = json.loads((data / "orbits" / "sbdb" / "astroquery_phaethon.json").read_text())["orbit"]
+    printed = {item["name"]: float(item["value"].split()[0]) for item in orbit["elements"]}
+    epoch = float(orbit["epoch"])
+    assert float(orbit["covariance"]["epoch"]) == epoch
+    assert orbit["covariance"]["labels"] == ["e", "q", "tp", "node", "peri", "i", "A2"]
+    units = np.array([1.0, AU_KM, SECONDS_PER_DAY, DEG, DEG, DEG])
+    values = np.array([printed[name] for name in ("e", "q", "tp", "om", "w", "i")]) - [0.0, 0.0, epoch, 0.0, 0.0, 0.0]
+    state, jacobian = cometary_to_state(units * values, ephemeris.gm_km3_s2["sun"])
+    J = np.eye(7)
+    J[:6, :6] = to_icrf(jacobian * units)
+    covariance = np.array(orbit["covariance"]["data"], dtype=float)
+    a2 = next(float(item["value"]) for item in orbit["model_pars"] if item["name"] == "A2")
+    return Solution(epoch=Epoch.from_jd(epoch), state=to_icrf(state), a2_au_d2=a2, covariance=J @ covariance @ J.T)
