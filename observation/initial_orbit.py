@@ -17,7 +17,7 @@ from nebosvod.observation.contracts import Array, Ephemeris
 from nebosvod.observation.gauss import gauss
 from nebosvod.observation.records import Astrometry, Rows, Texts
 from nebosvod.observation.short_arc import Attributable, attributable, ranging
-from nebosvod.observation.two_body_fit import Arc, costs, improve, residuals, shifts, trimmed_rms
+from nebosvod.observation.two_body_fit import KEPT, Arc, costs, improve, residuals, shifts, trimmed_rms
 from nebosvod.observation.universal import fly
 from nebosvod.observation.weights import weigh
 from nebosvod.timescale import Epoch
@@ -32,12 +32,14 @@ IMPROVED, GRIDDED, CARRIED = 5, 4, 2  # orbits of Gauss, of the coarse grid, of 
 MOST = 8  # candidates given back
 FITS = 1.5  # trimmed rms, in sigmas, of a candidate that needs no rival
 GOOD = 2.0  # of one that fits
-RIVAL = 1.5  # an orbit whose rms is larger than that of the best of its span by this factor comes after it
+RIVAL = 25.0  # an orbit whose chi squared is larger than that of the best of its span by this comes after other spans
 HOPELESS = 20.0  # above which a candidate is left out, unless all are like that
 SHORT_D = 0.5  # an arc of one night: its distance is hardly known, so the fine grid is searched
 SAME = 0.02  # of the distance: orbits nearer to each other are one
 PRECISE_ARCSEC = 1.6
-UNBOUND = 1.5  # an unbound orbit must fit better by this factor
+# What is added to chi squared of an orbit that is rarer than one in the main belt: near the Earth's orbit, beyond
+# Jupiter, one that nearly follows the Earth (where Gauss's equation has its false root), one not bound to the Sun
+NEAR, FAR, EARTHLIKE, UNBOUND = 3.0, 3.0, 8.0, 12.0
 SECOND_D = 1e-5
 
 
@@ -66,12 +68,14 @@ class StartingOrbit:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Found:
-    """Orbits of one span: states (k, 6) in au and au/d at the arc's middle, their fit in sigmas, their triplets."""
+    """Orbits of one span, best first: states (k, 6) in au and au/d at the arc's middle, their fit in sigmas, its chi
+    squared with what their rarity adds, their triplets."""
 
     arc: Arc
     rows: Rows
     states: Array
     merit: Array
+    score: Array
     triplets: Rows
     method: Texts
 
@@ -110,10 +114,10 @@ def _settled(found: list[_Found]) -> bool:
     last = found[-1]
     if not (last.merit < FITS).any():
         return False
-    best = last.states[np.argmin(last.merit)]
+    best = last.states[0]
     for other in found[:-1]:
         if (other.merit < FITS).any():
-            there = fly(other.states[_best(other, 1)], np.array([last.arc.t0 - other.arc.t0]), last.arc.gm)[0]
+            there = fly(other.states[:1], np.array([last.arc.t0 - other.arc.t0]), last.arc.gm)[0]
             if np.linalg.norm(there[:3] - best[:3]) < SAME * _distance(last.arc, best[None])[0]:
                 return True
     return False
@@ -192,7 +196,7 @@ def _search(arc: Arc, rows: Rows, observer_velocity: Array, before: list[_Found]
     middle = int(np.argmin(np.abs(arc.t - arc.t0)))
     picks = triplets(arc.t)
     first, when, parent = gauss(arc.u[picks], arc.q[picks], arc.sun_velocity[picks], arc.t[picks], arc.gm)
-    known = [fly(one.states[_best(one, CARRIED)], np.array([arc.t0 - one.arc.t0]), arc.gm) for one in before]
+    known = [fly(one.states[:CARRIED], np.array([arc.t0 - one.arc.t0]), arc.gm) for one in before]
     short = np.ptp(arc.t) < SHORT_D
     grid = ranging(arc, observer_velocity, keep=2 * IMPROVED if short else GRIDDED, fine=bool(short))
     states = np.concatenate([fly(first, arc.t0 - when, arc.gm), *known, grid])
@@ -226,22 +230,34 @@ def _improved(arc: Arc, rows: Rows, states: Array, picks: Rows, method: Texts) -
         states, _ = improve(arc, states)
     with np.errstate(all="ignore"):
         merit = trimmed_rms(residuals(arc, states, shifts(arc, states))) if len(states) else np.empty(0)
-        energy = 0.5 * np.sum(states[:, 3:] ** 2, axis=1) - arc.gm / np.linalg.norm(states[:, :3], axis=1)
-    merit = np.where(energy > 0.0, UNBOUND * merit, merit)
-    kept = _distinct(arc, states, merit, MOST)
+    score = merit**2 * (KEPT * 2 * arc.t.size) + rarity(states, arc.gm)
+    kept = _distinct(arc, states, score, MOST)
     return _Found(
         arc=arc,
         rows=rows,
         states=states[kept],
         merit=merit[kept],
+        score=score[kept],
         triplets=rows[picks[kept]],
         method=method[kept],
     )
 
 
-def _best(one: _Found, most: int) -> Rows:
-    """Numbers of the best orbits of a span."""
-    return np.argsort(one.merit, kind="stable")[:most]
+def rarity(states: Array, gm: float) -> Array:
+    """What to add to chi squared (k,) of orbits for how rare their kind is among the objects that are observed.
+
+    It decides between orbits that fit alike, and nothing where the observations tell them apart.
+    """
+    r, v = states[:, :3], states[:, 3:]
+    with np.errstate(all="ignore"):
+        radius = np.linalg.norm(r, axis=1)
+        a = 1.0 / (2.0 / radius - np.sum(v * v, axis=1) / gm)
+        h2 = np.sum(np.cross(r, v) ** 2, axis=1)
+        e = np.sqrt(np.maximum(1.0 - h2 / (gm * a), 0.0))
+        near, far = a * (1.0 - e) < 1.3, a > 5.5
+        earthlike = (np.abs(a - 1.0) < 0.1) & (e < 0.1)
+    added = np.where(near, NEAR, 0.0) + np.where(far, FAR, 0.0) + np.where(earthlike, EARTHLIKE, 0.0)
+    return np.where(a > 0.0, added, UNBOUND)
 
 
 def _distance(arc: Arc, states: Array) -> Array:
@@ -274,9 +290,8 @@ def _ranked(found: list[_Found], astrometry: Astrometry) -> tuple[StartingOrbit,
 
     def key(item: tuple[_Found, int]) -> tuple[bool, float, float]:
         one, k = item
-        best = float(one.merit.min())
-        fits = bool(best <= max(GOOD, 3.0 * least) and one.merit[k] <= RIVAL * best + 0.1)
-        return not fits, -float(np.ptp(one.arc.t)) if fits else 0.0, float(one.merit[k])
+        fits = bool(one.merit.min() <= max(GOOD, 3.0 * least) and one.score[k] <= one.score[0] + RIVAL)
+        return not fits, -float(np.ptp(one.arc.t)) if fits else 0.0, float(one.score[k])
 
     orbits = []
     for one, k in sorted(flat, key=key)[:MOST]:

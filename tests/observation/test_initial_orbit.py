@@ -11,7 +11,7 @@ from nebosvod.dynamics import ForceModel, propagate
 from nebosvod.dynamics.constants import AU_KM, DAY_S, OBLIQUITY_J2000_RAD
 from nebosvod.dynamics.elements import keplerian_to_state
 from nebosvod.observation import mpc80
-from nebosvod.observation.initial_orbit import attributable, candidates, spans, triplets
+from nebosvod.observation.initial_orbit import attributable, candidates, rarity, spans, triplets
 from nebosvod.observation.observers import telescopes
 from nebosvod.timescale import Epoch
 
@@ -188,3 +188,29 @@ def test_triplets_ascend_and_reach_over_the_span() -> None:
     assert np.all(np.diff(t[picks], axis=1) > 1e-5)
     assert np.all(t[picks[:, 2]] - t[picks[:, 0]] > 2.9)
     assert triplets(np.array([0.0, 0.0, 0.0])).shape == (0, 3)
+
+
+def test_of_orbits_that_fit_alike_the_common_kind_comes_first(data, ephemeris, forces) -> None:
+    """(3666) on two nights of August 2004: an orbit at 0.4 au fits to 0.24", the true one at 3.3 au to 0.26"."""
+    records = mpc80.read(data / "observations" / "03666_Holman.obs80").by_time()
+    part = records.select(np.flatnonzero((records.utc > "2004-08-12") & (records.utc < "2004-08-24")))
+    assert len(part) == 9
+    found = candidates(part, telescopes(part, ephemeris).state_km_km_s, ephemeris)
+    off, _ = errors(found[0], *holman(data, ephemeris), forces, ephemeris)
+    assert off < 0.15
+    assert found[0].rms_arcsec > min(one.rms_arcsec for one in found)
+
+
+def test_rarity_tells_kinds_of_orbits_apart() -> None:
+    gm = 0.01720209895**2
+    circle = np.sqrt(gm)
+    states = np.array(
+        [
+            [2.6, 0.0, 0.0, 0.0, circle / np.sqrt(2.6), 0.0],  # main belt
+            [2.0, 0.0, 0.0, 0.0, 0.7 * circle / np.sqrt(2.0), 0.0],  # perihelion at 0.65 au
+            [1.0, 0.0, 0.0, 0.0, 1.01 * circle, 0.0],  # along with the Earth
+            [40.0, 0.0, 0.0, 0.0, circle / np.sqrt(40.0), 0.0],  # beyond Neptune
+            [1.0, 0.0, 0.0, 0.0, 1.5 * circle, 0.0],  # unbound
+        ]
+    )
+    np.testing.assert_array_equal(rarity(states, gm), [0.0, 3.0, 11.0, 3.0, 12.0])

@@ -67,6 +67,10 @@ def test_a_record_of_a_spacecraft_weighs_by_its_own_rule(station, expected) -> N
     np.testing.assert_allclose(sigma_arcsec(*records), expected, rtol=1e-12)
 
 
+def test_an_occultation_is_no_image_of_a_spacecraft_though_it_states_a_position() -> None:
+    np.testing.assert_allclose(sigma_arcsec(line("275", mode="S"), S_PLACE.format("275")), 0.2, rtol=1e-12)
+
+
 def test_a_stated_rms_comes_before_the_table_and_keeps_its_correlation() -> None:
     records = replace(read(line("703")), sigma_rad=np.array([[0.3, 0.2]]) * ARCSEC, correlation=np.array([0.4]))
     ours = weigh(records)
