@@ -85,10 +85,16 @@ def run(mission: str, output: Path | None, seed: int, overwrite: bool, as_json: 
 @click.argument("mission")
 def check(mission: str) -> int:
     """Validate MISSION, print what it resolves to and what it will cost; run nothing."""
-    from nebosvod.mission import load_mission
+    from nebosvod.mission import FitMission, load_any
     from nebosvod.resolved import describe
 
-    click.echo(describe(load_mission(mission)))
+    loaded = load_any(mission)
+    if isinstance(loaded, FitMission):
+        from nebosvod.fit.resolved import describe_fit
+
+        click.echo(describe_fit(loaded))
+    else:
+        click.echo(describe(loaded))
     return 0
 
 
@@ -191,6 +197,7 @@ def validate(
 @click.option("--spacing", help='From one exposure of a visit to the next, as "1 min".')
 @click.option("--visit-time", multiple=True, help='Time of a visit, "2 h" or TELESCOPE="30 min" [default: 1 h].')
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="Also write the result to this new .json file.")
+@click.option("--page", type=click.Path(path_type=Path), help="Also write figures and tables to this new .html file.")
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON, and nothing else, on stdout.")
 def plan(
     mission: str,
@@ -205,6 +212,7 @@ def plan(
     spacing: str | None,
     visit_time: tuple[str, ...],
     output: Path | None,
+    page: Path | None,
     as_json: bool,
 ) -> int:
     """Find the measurements that would make a PREDICTION of MISSION better, and by how much.
@@ -224,6 +232,10 @@ def plan(
     found = plan_mission(loaded, wish, _progress())
     if output is not None:
         write_new_text(output, json_text(found))
+    if page is not None:
+        from nebosvod.report.plan_page import make_plan_page
+
+        write_new_text(page, make_plan_page(found))
     if as_json:
         click.echo(json_text(found), nl=False)
     else:
@@ -233,8 +245,9 @@ def plan(
 
 @app.command(short_help="Show several runs side by side.")
 @click.argument("folders", nargs=-1, type=click.Path(path_type=Path), metavar="DIR DIR ...")
+@click.option("--page", type=click.Path(path_type=Path), help="Also write tables and overlaid ellipses to this new .html.")
 @click.option("--json", "as_json", is_flag=True, help="Print the comparison as JSON, and nothing else, on stdout.")
-def compare(folders: tuple[Path, ...], as_json: bool) -> int:
+def compare(folders: tuple[Path, ...], page: Path | None, as_json: bool) -> int:
     """Show the runs in several folders side by side, and warn where they do not compare.
 
     \b
@@ -242,9 +255,13 @@ def compare(folders: tuple[Path, ...], as_json: bool) -> int:
     """
     from nebosvod.compare import compare as compare_runs
     from nebosvod.compare_answer import print_comparison
-    from nebosvod.result import json_text
+    from nebosvod.result import json_text, write_new_text
 
     found = compare_runs(folders)
+    if page is not None:
+        from nebosvod.report.comparison_page import make_comparison_page
+
+        write_new_text(page, make_comparison_page(found))
     if as_json:
         click.echo(json_text(found), nl=False)
     else:

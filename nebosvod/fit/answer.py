@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from nebosvod.blame import Worlds, prediction_rows, state_rows
 from nebosvod.dynamics import Trajectory
-from nebosvod.errors import InputError
+from nebosvod.errors import EventError, InputError
 from nebosvod.fit.engine import OrbitFit
 from nebosvod.fit.orbit import OrbitAt, compared, orbit_at
 from nebosvod.fit.stage import long_trajectory
@@ -61,14 +61,20 @@ def answer(found: OrbitFit) -> Answer:
     """
     fit, mission = found.general.fit, found.mission
     estimate, epoch = fit.estimate, mission.reference_epoch
+    nothing = Answer(
+        fit=found, trajectory=None, orbit=None, amid=None, further=(), budget=(), predictions=(), quantities=(),
+        reference=None,
+    )  # fmt: skip
     if estimate.solution is None:
-        return Answer(
-            fit=found, trajectory=None, orbit=None, amid=None, further=(), budget=(), predictions=(), quantities=(),
-            reference=None,
-        )  # fmt: skip
+        return nothing
     forces = found.general.scene.forces.with_values(fit.point.parameters)
     t_s = fit.observation.t_s
-    trajectory = long_trajectory(mission, fit.point.state, forces, (float(t_s.min()), float(t_s.max())))
+    try:
+        trajectory = long_trajectory(mission, fit.point.state, forces, (float(t_s.min()), float(t_s.max())))
+    except EventError:
+        if found.verdict.failed:
+            return nothing  # an orbit nobody believes ran into a body
+        raise
     scene = replace(found.general.scene, trajectory=trajectory, span_s=trajectory.span_s, forces=forces)
     worlds = Worlds(now=estimate, then={})
     amid = orbit_at(estimate, trajectory, 0.0)

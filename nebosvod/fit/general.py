@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from nebosvod.assembly import Point, View, linear_problem
 from nebosvod.dynamics import ForceModel, propagate
+from nebosvod.errors import CoverageError, EventError
 from nebosvod.estimation import Estimate, LinearProblem, batch, gauss_newton
 from nebosvod.estimation.rejection import Thresholds, chi_squared, reselect, settled
 from nebosvod.fit.material import Material
@@ -27,6 +28,7 @@ from nebosvod.scene import Scene
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 ROUNDS = 15
+TOLERANCE = 2e-3  # of a sigma: the lean correction stops at half of that
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -108,7 +110,10 @@ def _once(
             latest[0] = (view_of(scene, point, material, trajectory, there, rows), there)
         return linear_problem(scene, estimator, latest[0][0], material.observed[rows], priors, about=start.point)
 
-    found = gauss_newton(linearise, solve=batch.solve, limit=mission.fit.iterations, tolerance=2e-3)
+    try:
+        found = gauss_newton(linearise, solve=batch.solve, limit=mission.fit.iterations, tolerance=TOLERANCE)
+    except (EventError, CoverageError):  # a step of a vague orbit ran into a body: what is known stands at the start
+        found = gauss_newton(linearise, solve=batch.solve, limit=0)
     problem = linearise(found.deviation)
     view, there = latest[0]
     fit = Fit(

@@ -12,6 +12,7 @@ from rich.table import Table
 STATIONS_SHOWN = 8
 REJECTED_SHOWN = 8
 BUDGET_SHOWN = 6
+PARAMETERS_SHOWN = 8
 ELEMENTS = (
     ("e", "e", ""),
     ("a_au", "a", "au"),
@@ -96,10 +97,13 @@ def _state_lines(summary: Mapping[str, Any]) -> Iterator[str]:
     true, formal = orbit["sigma_position_km"], orbit["sigma_formal_position_km"]
     if abs(true / formal - 1.0) > 0.01:
         yield f"without what is only considered: {_number(formal)} km; the sigmas above count it"
-    for name, row in summary["estimators"][0]["parameters"].items():
-        if row["sigma"] > 0.0:
-            known = "" if row["prior_sigma"] is None else f" (before: {_number(row['prior_sigma'])})"
-            yield f"  {name}: {row['estimate']:.4g} +- {row['sigma']:.2g}{known}"
+    found = {name: row for name, row in summary["estimators"][0]["parameters"].items() if row["sigma"] > 0.0}
+    worst_first = sorted(found.items(), key=lambda item: -abs(item[1]["estimate"]) / item[1]["sigma"])
+    for name, row in worst_first[:PARAMETERS_SHOWN]:
+        known = "" if row["prior_sigma"] is None else f" (before: {_number(row['prior_sigma'])})"
+        yield f"  {name}: {row['estimate']:.4g} +- {row['sigma']:.2g}{known}"
+    if len(found) > PARAMETERS_SHOWN:
+        yield f"  {len(found) - PARAMETERS_SHOWN} more, each nearer to zero in its sigmas"
 
 
 def _stations(fit: Mapping[str, Any]) -> Table:

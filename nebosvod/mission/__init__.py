@@ -8,7 +8,7 @@ from nebosvod.mission.cost import Cost, estimate_cost
 from nebosvod.mission.fields import Treatment
 from nebosvod.mission.fit import FitMission
 from nebosvod.mission.model import SCHEMA_VERSION, CovariancePrior, Mission
-from nebosvod.mission.reading import load_fit, load_mission, load_mission_text
+from nebosvod.mission.reading import load_any, load_fit, load_mission, load_mission_text
 from nebosvod.mission.request import (
     Arc,
     EncounterPrediction,
@@ -53,6 +53,7 @@ __all__ = [
     "Treatment",
     "estimate_cost",
     "list_missions",
+    "load_any",
     "load_fit",
     "load_mission",
     "load_mission_text",

@@ -21,7 +21,16 @@ from nebosvod.yamlfile import Mark, Problem, Tree, YamlFile, parse_yaml, read_te
 
 
 def load_mission(path: str | Path) -> Mission:
-    """Load a mission file, or a built-in mission by its name.
+    """Load a mission file, or a built-in mission by its name; as `load_any`, but refuse a file for `nebosvod fit`."""
+    mission = load_any(path)
+    if isinstance(mission, FitMission):
+        name = shown(str(path))
+        raise InputError(f"{name}: has a fit block, so there is nothing to simulate; it is for: nebosvod fit {name}")
+    return mission
+
+
+def load_any(path: str | Path) -> Mission:
+    """Load a mission file, a built-in mission by its name, or a file for `nebosvod fit`.
 
     Parameters
     ----------
@@ -46,9 +55,9 @@ def load_fit(path: str | Path) -> FitMission:
     Raises
     ------
     InputError
-        As `load_mission` does, and if the file is a mission to be simulated.
+        As `load_any` does, and if the file is a mission to be simulated.
     """
-    mission = load_mission(path)
+    mission = load_any(path)
     if not isinstance(mission, FitMission):
         raise InputError(f"{shown(str(path))}: has no fit block; it is a mission for: nebosvod run {shown(str(path))}")
     return mission

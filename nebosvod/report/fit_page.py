@@ -9,7 +9,7 @@ from nebosvod.report.base import render
 from nebosvod.report.ellipses import ellipse_plate
 from nebosvod.report.folder import Item, RunFolder, read_folder
 from nebosvod.report.tables import Cell
-from nebosvod.report.wording import count, number, quantity
+from nebosvod.report.wording import count, moment, number, quantity
 
 TONES = {"converged": "good"}
 MOST = 12  # sources of the budget shown at once
@@ -35,6 +35,7 @@ def make_fit_report(folder: Path) -> str:
         run=run,
         fit=fit,
         orbit=orbit,
+        headline=_headline(fit, orbit),
         tone=TONES.get(fit["status"], "bad"),
         tiles=_tiles(run, fit, orbit),
         answers=_answers(run, fit),
@@ -57,6 +58,15 @@ def make_fit_report(folder: Path) -> str:
             "reference": None if reference is None else fit_tables.reference(reference),
         },
         reference=reference,
+    )
+
+
+def _headline(fit: Item, orbit: Item | None) -> Cell:
+    """The answer in one line."""
+    if orbit is None or fit["status"] != "converged":
+        return f"No orbit to rely on: {str(fit['status']).replace('_', ' ')}"
+    return Markup("The position is known to {} (1σ) on {}").format(
+        quantity(orbit["sigma_position_km"], "km"), moment(orbit["epoch_tdb"])
     )
 
 

@@ -11,6 +11,7 @@ import jsonschema
 import numpy as np
 import pytest
 
+import nebosvod.fit
 from nebosvod.cli import main
 from nebosvod.mission import load_fit
 from nebosvod.mission.schema import fit_schema
@@ -58,6 +59,19 @@ def test_the_orbit_is_jpls_within_its_covariance(compared):
     assert summary["fit"]["status"] == "converged"
     assert summary["fit"]["rms_arcsec"] == pytest.approx(0.31, abs=0.03)
     assert summary["orbit"]["elements"]["a_au"]["value"] == pytest.approx(0.8198, abs=4e-4)
+
+
+@pytest.mark.parametrize("which", ["whole", "vague"])
+def test_the_summary_is_what_its_schema_says(compared, tmp_path, which):
+    found = compared[0]
+    if which == "vague":
+        lines = (DATA / "2023DW.obs80").read_text("ascii").splitlines()[:3]
+        path = settings(tmp_path)
+        (tmp_path / "2023DW.obs80").write_text("\n".join(lines) + "\n", "ascii")
+        assert main(["fit", str(path), "-o", str(tmp_path / "run")]) == 1
+        found = json.loads((tmp_path / "run" / "summary.json").read_text("utf-8"))
+    schema = json.loads((Path(nebosvod.fit.__file__).with_name("summary.schema.json")).read_text("utf-8"))
+    jsonschema.validate(found, schema, cls=jsonschema.Draft202012Validator)
 
 
 def test_state_covariance_and_factor_agree(compared):
@@ -237,3 +251,12 @@ def test_without_an_orbit_one_is_found(tmp_path, capsys):
     summary = json.loads(capsys.readouterr().out)
     assert summary["fit"]["start"].startswith(("Gauss's method", "a search over distances"))
     assert summary["orbit"]["elements"]["a_au"]["value"] == pytest.approx(0.8199, abs=1e-4)
+
+
+def test_a_file_for_fits_is_checked_and_not_simulated(tmp_path, capsys):
+    path = settings(tmp_path, "  uncertainty:\n    - {stations: all, timing: {sigma: 1 s, treatment: considered}}\n")
+    assert main(["check", str(path)]) == 0
+    said = capsys.readouterr().out
+    assert all(word in said for word in ("2023DW.obs80", "timing of every station", "considered", "nothing was fitted"))
+    assert main(["run", str(path)]) == 2
+    assert f"nebosvod fit {path}" in capsys.readouterr().err

@@ -1,0 +1,31 @@
+"""What a file for `nebosvod fit` means, in words, without reading its observations."""
+
+from collections.abc import Iterator
+
+from nebosvod.mission import FitMission
+
+
+def describe_fit(mission: FitMission) -> str:
+    """The resolved file as lines for `nebosvod check`."""
+    return "\n".join([*_lines(mission), "the file is valid; nothing was fitted"])
+
+
+def _lines(mission: FitMission) -> Iterator[str]:
+    plan, given = mission.fit, mission.object.given_orbit
+    yield f"{mission.name}: {mission.title or 'orbit fit'}"
+    yield f"observations     {', '.join(plan.observations)}" + (f"; {plan.designation}" if plan.designation else "")
+    yield f"start            {f'{given.representation} at {given.epoch}' if given else 'found from the observations'}"
+    yield f"weights          {plan.weights or 'stated, else by station, catalogue and date'}"
+    yield f"star catalogues  {plan.debias or 'not corrected'}"
+    yield f"clocks           {plan.clock:g} s on the ground, the same all night"
+    said = plan.rejection
+    yield f"rejection        {f'above chi2 {said.reject:g}, back below {said.recover:g}' if said.enabled else 'off'}"
+    for parameter in mission.parameters:
+        sigma = "" if parameter.sigma is None else f" +- {parameter.sigma:g}"
+        yield f"parameter        {parameter.group} {parameter.value:g}{sigma}: {parameter.treatment}"
+    for entry in plan.uncertainty:
+        whom = "every station" if entry.stations == "all" else ", ".join(entry.stations)
+        own = f"one for all, {entry.shared}" if entry.shared else "each its own"
+        yield f"uncertain        {entry.group} of {whom} ({own}): {entry.error.treatment}"
+    for request in mission.predictions:
+        yield f"prediction       {request.name}: {request.plane} at {request.when}"
