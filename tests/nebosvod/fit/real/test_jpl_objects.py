@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from nebosvod.dynamics import Ephemeris, ForceModel, propagate
 from nebosvod.estimation import Status
 from nebosvod.fit.engine import OrbitFit
 from nebosvod.observation.astrometry_files import read_astrometry
@@ -96,6 +97,17 @@ def test_one_clock_for_each_station_of_2024_mk(of_file: Callable[..., Any]) -> N
     assert against.chi2 < FIVE_PERCENT
     assert value > 4.0 * estimate.sigma(name)
     assert value == pytest.approx(1.5, abs=0.5)
+
+
+@pytest.mark.parametrize(("relativity", "least_km", "most_km"), [("sun", 0.0, 0.005), ("eih", 0.2, 0.35)])
+def test_jpl_carries_2024_mk_past_the_earth_with_the_relativity_of_the_sun_alone(
+    ephemeris: Ephemeris, jpl_states: Any, relativity: Any, least_km: float, most_km: float
+) -> None:
+    """Its states before and three months after the approach: 3 m apart, with all planets' terms 266 m."""
+    _, (before, start), (after, end) = jpl_states["2024 MK"]
+    forces = ForceModel(ephemeris=ephemeris, relativity=relativity)
+    reached = propagate(start, before, [after - before], forces).state[0]
+    assert least_km <= np.linalg.norm((reached - end)[:3]) < most_km
 
 
 def test_the_impactor_2024_bx1(of_file: Callable[..., Any]) -> None:
