@@ -5,7 +5,7 @@ The orbits are those of benchmarks/propagation.py (JPL Horizons), seen from two 
 matrix through the compiled kernel, residuals, partials, QR, covariance. A hundred objects go through everything that
 `nebosvod fit --split` does but the files it writes: observers, weights, starting orbit, growth of the arc, rejection,
 estimate, answer. Times are CPU times of one thread, medians over repeats.
-Quoted, not measured here: layup 1.1.0 12.5 ms (docs/performance.md).
+Quoted, not measured here: layup 1.1.0, 12.5 ms for such a fit on a 2.0 GHz core.
 Usage: python benchmarks/fit.py [--objects 100] [--observations 510] [--years 6]
 """
 
