@@ -347,3 +347,15 @@ def test_asteroid_that_is_its_own_perturber_does_not_attract_itself(
 def test_asteroid_far_from_every_perturber_excludes_none(full_forces: ForceModel, neo: Neo) -> None:
     epoch, start = neo
     assert propagate(start, epoch, [86400.0], full_forces, False).forces is full_forces
+
+
+def test_no_tolerance_chases_the_rounding_of_a_near_body(ephemeris: Ephemeris) -> None:
+    """At ten radii from the Earth the position's rounding is 4e-15 of the acceleration: steps stop shrinking there."""
+    epoch, forces = Epoch.parse("2025-03-01T00:00:00 TDB"), ForceModel(ephemeris=ephemeris)
+    states = [ephemeris.state_km_km_s(body, epoch, 0.0)[0] for body in ("earth", "sun")]
+    start = states[0] - states[1] + np.array([-6e5, 30000.0, 0.0, 6.0, 0.0, 0.0])
+    counts = [
+        len(propagate(start, epoch, [3 * DAY_S], forces, False, tolerance=tolerance).step_edges_s)
+        for tolerance in (1e-13, 1e-16)
+    ]
+    assert counts[1] < 1.1 * counts[0]
