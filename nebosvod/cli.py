@@ -245,7 +245,9 @@ def plan(
 
 @app.command(short_help="Show several runs side by side.")
 @click.argument("folders", nargs=-1, type=click.Path(path_type=Path), metavar="DIR DIR ...")
-@click.option("--page", type=click.Path(path_type=Path), help="Also write tables and overlaid ellipses to this new .html.")
+@click.option(
+    "--page", type=click.Path(path_type=Path), help="Also write tables and overlaid ellipses to this new .html."
+)
 @click.option("--json", "as_json", is_flag=True, help="Print the comparison as JSON, and nothing else, on stdout.")
 def compare(folders: tuple[Path, ...], page: Path | None, as_json: bool) -> int:
     """Show the runs in several folders side by side, and warn where they do not compare.

@@ -16,6 +16,7 @@ import numpy as np
 from nebosvod.errors import InputError
 from nebosvod.result import require_run_folder
 
+SAME_DISTANCE = 0.01  # relative
 SCHEMA_VERSION = 1
 KNOWN_SUMMARY = 1
 MOST_FOLDERS = 20
@@ -179,6 +180,8 @@ def _prediction(runs: Sequence[Run], name: str) -> dict[str, Any]:
         warning = f"{name}: the planes differ ({', '.join(sorted(planes))}); its sigmas do not compare"
     elif len(targets) > 1:
         warning = f"{name}: seen from or at different places ({', '.join(sorted(targets))}); its sigmas do not compare"
+    elif _other_place([row for _, row in there]):
+        warning = f"{name}: seen from different places of the same name; its sigmas do not compare"
     elif _far_apart([str(row["epoch_tdb"]) for _, row in there]):
         epochs = "; ".join(f"{run.label}: {row['epoch_tdb']}" for run, row in there)
         warning = f"{name}: the epochs differ ({epochs}); its sigmas do not compare"
@@ -218,6 +221,12 @@ def _numbers(row: Mapping[str, Any]) -> dict[str, Any]:
         "mean": row.get(f"mean_{unit}") or [0.0] * size,
         "covariance": row[f"covariance_{unit}2"],
     }
+
+
+def _other_place(rows: Sequence[Mapping[str, Any]]) -> bool:
+    """Whether a prediction on the sky is seen from distances that no error of the orbit explains."""
+    distances = [float(row["distance_km"]) for row in rows if row["plane"] == "sky" and "distance_km" in row]
+    return bool(distances) and max(distances) > (1.0 + SAME_DISTANCE) * min(distances)
 
 
 def _far_apart(epochs: Sequence[str]) -> bool:

@@ -122,6 +122,27 @@ def test_a_prediction_of_another_plane_or_epoch_is_not_compared(
     assert row["warning"] in found["warnings"]
 
 
+def test_the_sky_from_another_place_of_the_same_name_does_not_compare(
+    pair: Callable[[Change], tuple[Path, Path]],
+) -> None:
+    def sky(distance_km: float) -> Change:
+        def change(summary: dict[str, Any]) -> None:
+            summary["predictions"][0].update(plane="sky", telescope="ahead", distance_km=distance_km)
+
+        return change
+
+    _, near = pair(sky(1.0e7))
+    far = near.with_name("far")
+    shutil.copytree(near, far)
+    for distance, compares in ((1.0e7 + 500.0, True), (2.0e7, False)):
+        summary = json.loads((near / "summary.json").read_text("utf-8"))
+        sky(distance)(summary)
+        (far / "summary.json").write_text(json.dumps(summary), "utf-8")
+        (row,) = compare([near, far])["predictions"]
+        assert row["comparable"] is compares
+        assert ("different places" in row["warning"]) is not compares
+
+
 def test_a_prediction_of_one_run_only_stands_alone(pair: Callable[[Change], tuple[Path, Path]]) -> None:
     found = compare(pair(lambda summary: summary["predictions"].clear()))
     (row,) = found["predictions"]

@@ -1,0 +1,130 @@
+"""The page of a comparison: predictions side by side, the ellipses of all runs over each other, who is to blame."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+
+from nebosvod.report import wording
+from nebosvod.report.base import render
+from nebosvod.report.chart import Chart
+from nebosvod.report.download import csv
+from nebosvod.report.ellipses import LEFT, ROOM, SIDE, outline
+from nebosvod.report.folder import slug
+from nebosvod.report.plate import SERIES, Plate
+from nebosvod.report.scale import linear
+from nebosvod.report.tables import Cell, Table
+from nebosvod.report.wording import NBSP, TIMES, join, percent, product, quantity
+
+Item = Mapping[str, Any]
+LEVEL = 3.0
+DASHES = ("", "7 3", "2 3", "8 3 2 3", "4 2", "1 2")
+MOST = 15  # sources in a table
+SMALLEST = 0.0005  # share that would be shown as 0
+
+
+def make_comparison_page(found: Item) -> str:
+    """Return the page of what `nebosvod compare --json` prints; the same comparison gives the same bytes."""
+    labels = [run["label"] for run in found["runs"]]
+    return render(
+        "comparison.html",
+        kind="Comparison",
+        title=" · ".join(labels),
+        found=found,
+        answers=[sentence(row, labels) for row in found["predictions"] if row["comparable"]],
+        plates=[ellipse_plate(row, labels) for row in found["ellipses"]],
+        orbit=_orbit(found, labels),
+        predictions=_predictions(found, labels),
+        budgets=[_budget(row, labels) for row in found["predictions"] if row["comparable"]],
+    )
+
+
+def sentence(row: Item, labels: Sequence[str]) -> Markup:
+    """Which run knows a prediction best, and how many times worse the worst one is."""
+    known = [(one["sigma_total"], label) for one, label in zip(row["by_run"], labels) if one is not None]
+    (best, first), (worst, last) = min(known), max(known)
+    if worst < 1.005 * best:
+        return Markup("<b>{}</b> is known equally well: {}.").format(row["name"], quantity(best, row["unit"]))
+    return Markup("<b>{}</b>: best by {}, {}; worst by {}, {} ({}{} as large).").format(
+        row["name"], first, quantity(best, row["unit"]), last, quantity(worst, row["unit"]),
+        quantity(worst / best), f"{NBSP}{TIMES}",
+    )  # fmt: skip
+
+
+def ellipse_plate(row: Item, labels: Sequence[str]) -> Plate:
+    """The 3-sigma ellipses of one prediction of all runs over each other, each about its own predicted value."""
+    shown = [(k, one) for k, one in enumerate(row["by_run"]) if one is not None]
+    unit, names = row["unit"], wording.axis_names(row["plane"], 2)
+    covariances = [np.array(one["covariance"]) for _, one in shown]
+    reach = LEVEL * ROOM * max(float(np.sqrt(np.diag(K)).max()) for K in covariances)
+    factor, text = wording.scale_of(reach, unit)
+    x, y = (linear([-factor * reach, factor * reach], f"Δ {name}, {text}", pad=0.0) for name in names)
+    x = x.reversed() if row["plane"] == "sky" else x
+    key = "overlay-" + slug(row["name"]).replace("_", "-")
+    chart = Chart(key, width=LEFT + SIDE + 6.0, height=SIDE + 84.0)
+    panel = chart.panel(x, y, top=8.0, bottom=8.0 + SIDE, left=LEFT, right=LEFT + SIDE)
+    panel.open()
+    columns: dict[str, Any] = {}
+    entries: list[tuple[str, str, dict[str, Any]]] = []
+    for (k, _), K in zip(shown, covariances):
+        look: dict[str, Any] = {"stroke": SERIES[k % len(SERIES)][0], "stroke_width": 2.0}
+        if DASHES[k % len(DASHES)]:
+            look["stroke_dasharray"] = DASHES[k % len(DASHES)]
+        points = outline(K, LEVEL)
+        panel.line(factor * points[:, 0], factor * points[:, 1], labels[k], **look)
+        entries.append(("line", labels[k], look))
+        for name, values in zip(names, points.T):
+            columns[f"{labels[k]} {name}_{unit}"] = values[::2].tolist()
+    panel.close()
+    chart.height = chart.legend(entries, chart.height - 34.0, LEFT - 4.0) - 4.0
+    sizes = (Markup("{} {}").format(labels[k], product(one["semi_axes"], unit)) for k, one in shown)
+    caption = Markup("<b>{}</b>, {}: 3σ ellipses, each about its own predicted value. Semi-axes (1σ): {}.").format(
+        row["name"], wording.plane_name(row["plane"]), join(sizes)
+    )
+    return chart.plate(f"3 sigma ellipses of {row['name']} by run, over each other", caption, [csv(key, columns)])
+
+
+def _orbit(found: Item, labels: Sequence[str]) -> Table:
+    """Sigmas of the orbit at the reference epoch."""
+    rows: list[tuple[Cell, ...]] = []
+    for key, unit, words in (("sigma_position_km", "km", "position"), ("sigma_velocity_m_s", "m_s", "velocity")):
+        for row in found["estimators"]:
+            cells = ("—" if one is None else quantity(one[key], unit) for one in row["by_run"])
+            rows.append((f"{row['name']}, {words}", *cells))
+    return Table(
+        caption="The orbit at the reference epoch, 1σ (root trace)",
+        head=("estimator", *labels),
+        align="l" + "r" * len(labels),
+        rows=tuple(rows),
+    )
+
+
+def _predictions(found: Item, labels: Sequence[str]) -> Table | None:
+    """Sigmas of every prediction, and their ratio to the first run."""
+    rows: list[tuple[Cell, ...]] = []
+    for row in found["predictions"]:
+        cells: list[Cell] = []
+        for one, ratio in zip(row["by_run"], row["ratio"]):
+            times = f" ({ratio:.3g}{NBSP}{TIMES})" if ratio is not None and row["comparable"] else ""
+            cells.append("—" if one is None else quantity(one["sigma_total"], one["unit"]) + times)
+        rows.append((row["name"], *cells))
+    if not rows:
+        return None
+    return Table(
+        caption="Predictions, 1σ (root trace), and the ratio to the first run",
+        head=("prediction", *labels),
+        align="l" + "r" * len(labels),
+        rows=tuple(rows),
+    )
+
+
+def _budget(row: Item, labels: Sequence[str]) -> Table:
+    """Who is to blame for one prediction in each run."""
+    shown = [one for one in row["budget"] if max(one["share"]) >= SMALLEST][:MOST]
+    return Table(
+        caption=Markup("What is to blame for {}: share of the variance").format(row["name"]),
+        head=("source", *labels),
+        align="l" + "r" * len(labels),
+        rows=tuple((one["source"], *(percent(share) for share in one["share"])) for one in shown),
+    )

@@ -1,0 +1,150 @@
+"""The page of a plan: what a visit would bring at each epoch by each telescope, and the schedule beside an even one."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+
+from nebosvod.plan_answer import CRITERIA, advice
+from nebosvod.report import wording
+from nebosvod.report.base import render
+from nebosvod.report.chart import Chart
+from nebosvod.report.download import csv
+from nebosvod.report.plate import BLUE, GREY, INK, SERIES, Plate
+from nebosvod.report.scale import linear
+from nebosvod.report.tables import Cell, Table
+from nebosvod.report.wording import NBSP, join, quantity
+from nebosvod.timescale import SECONDS_PER_DAY
+
+Item = Mapping[str, Any]
+
+
+def make_plan_page(found: Item) -> str:
+    """Return the page of what `nebosvod plan --json` prints; the same plan gives the same bytes."""
+    said = advice(found)
+    return render(
+        "plan.html",
+        kind="Plan of measurements",
+        title=found["title"],
+        found=found,
+        said=said[0].upper() + said[1:] + ".",
+        plates=[gain_plate(found), schedule_plate(found)],
+        windows=_windows(found),
+        schedule=_schedule(found),
+    )
+
+
+def gain_plate(found: Item) -> Plate:
+    """Sigma after one visit against its epoch, for every telescope; the level without any visit."""
+    which, unit = found["criterion"], found["unit"]
+    now = found["sigma_now"][which]
+    factor, text = wording.scale_of(now, unit)
+    start = min(curve["epoch_s"][0] for curve in found["curves"])
+    days = [(np.array(curve["epoch_s"]) - start) / SECONDS_PER_DAY for curve in found["curves"]]
+    values = [factor * np.array(curve["sigma_after"][which]) for curve in found["curves"]]
+    first = next(c["epoch_tdb"][0] for c in found["curves"] if c["epoch_s"][0] == start)
+    x = linear(np.concatenate(days), f"days after {_day(first)} TDB")
+    y = linear([factor * now, *np.concatenate(values)], f"sigma after one visit, {text}")
+    chart = Chart("plan-gain", height=300.0)
+    panel = chart.panel(x, y, top=8.0, bottom=230.0)
+    panel.open()
+    panel.level(factor * now, stroke=GREY, stroke_width=1.2, stroke_dasharray="6 4")
+    entries: list[tuple[str, str, dict[str, Any]]] = []
+    columns: dict[str, list[Any]] = {"telescope": [], "epoch_tdb": [], f"sigma_after_{unit}": []}
+    for k, (curve, t, sigma) in enumerate(zip(found["curves"], days, values)):
+        color, marker = SERIES[k % len(SERIES)]
+        panel.dots(t, sigma, marker, name=curve["telescope"], color=color, size=3.0)
+        entries.append((marker, curve["telescope"], {"color": color, "size": 4.0}))
+        columns["telescope"] += [curve["telescope"]] * len(t)
+        columns["epoch_tdb"] += curve["epoch_tdb"]
+        columns[f"sigma_after_{unit}"] += curve["sigma_after"][which]
+    panel.close()
+    entries.append(("line", "no visit", {"stroke": GREY, "stroke_width": 1.2, "stroke_dasharray": "6 4"}))
+    chart.height = chart.legend(entries, 270.0) + 4.0
+    best = found["windows"][0]
+    caption = Markup("The best single visit is {} at {}: {} instead of {} ({}).").format(
+        best["telescope"], wording.moment(best["epoch_tdb"]), quantity(best["sigma_after"][which], unit),
+        quantity(now, unit), CRITERIA[which],
+    )  # fmt: skip
+    return chart.plate("Sigma after one visit against its epoch, by telescope", caption, [csv("plan-gain", columns)])
+
+
+def schedule_plate(found: Item) -> Plate:
+    """Sigma after each visit of the chosen schedule and of the even one."""
+    which, unit = found["criterion"], found["unit"]
+    now = found["sigma_now"][which]
+    factor, text = wording.scale_of(now, unit)
+    both = {
+        "chosen": [now, *(row["sigma_after"][which] for row in found["greedy"][which])],
+        "even": [now, *(row["sigma_after"][which] for row in found["uniform"])],
+    }
+    x = linear([0.0, max(len(values) for values in both.values()) - 1.0], "visits")
+    y = linear([factor * v for values in both.values() for v in values], f"sigma, {text}")
+    chart = Chart("plan-schedule", height=280.0)
+    panel = chart.panel(x, y, top=8.0, bottom=210.0)
+    panel.open()
+    looks = {"chosen": (BLUE, "o"), "even": (INK, "s")}
+    for name, values in both.items():
+        color, marker = looks[name]
+        count = np.arange(float(len(values)))
+        panel.line(count, factor * np.array(values), stroke=color, stroke_width=1.6)
+        panel.dots(count, factor * np.array(values), marker, name=name, color=color, size=4.0)
+    panel.close()
+    entries = [(marker, name, {"color": color, "size": 4.0}) for name, (color, marker) in looks.items()]
+    chart.height = chart.legend(entries, 250.0) + 4.0
+    caption = Markup("{} visits chosen one after the other bring {}, as many at even times {}.").format(
+        len(both["chosen"]) - 1, quantity(both["chosen"][-1], unit), quantity(both["even"][-1], unit)
+    )
+    columns: dict[str, Any] = {"visits": list(range(min(len(values) for values in both.values())))}
+    columns |= {f"{name}_{unit}": values[: len(columns["visits"])] for name, values in both.items()}
+    label = "Sigma after each visit, chosen and at even times"
+    return chart.plate(label, caption, [csv("plan-schedule", columns)])
+
+
+def _windows(found: Item) -> Table:
+    """The best visit of each telescope, when it is good, and when the object is seen at all."""
+    which, unit = found["criterion"], found["unit"]
+    rows: list[tuple[Cell, ...]] = []
+    for row in found["windows"]:
+        first, last = row["window_tdb"]
+        seen = join(_span(a, b) for a, b in row["visible_tdb"])
+        good = _span(first, last)
+        less = f"{row['reduction_percent'][which]:.2g} %"
+        cells = (wording.moment(row["epoch_tdb"]), good, seen, quantity(row["sigma_after"][which], unit), less)
+        rows.append((row["telescope"], *cells))
+    return Table(
+        caption="The best visit of each telescope; good: at least 90 % of its gain",
+        head=("telescope", "best", "good, TDB", "sees the object, TDB", "sigma after", "less by"),
+        align="llllrr",
+        rows=tuple(rows),
+    )
+
+
+def _span(first: str, last: str) -> Markup:
+    """From one epoch to another, or one epoch."""
+    return Markup(_day(first)) if first == last else Markup("{} to {}").format(_day(first), _day(last))
+
+
+def _day(epoch: str) -> str:
+    """An epoch to the minute, without its scale, that breaks nowhere."""
+    return epoch[:16].replace("T", NBSP).replace("-", "\u2011")
+
+
+def _schedule(found: Item) -> Table:
+    """Visits in the order they are chosen, and the even ones."""
+    which, unit = found["criterion"], found["unit"]
+    rows: list[tuple[Cell, ...]] = []
+    for k, (one, other) in enumerate(zip(found["greedy"][which], found["uniform"]), start=1):
+        cells = [
+            cell
+            for row in (one, other)
+            for cell in (row["telescope"], wording.moment(row["epoch_tdb"]), quantity(row["sigma_after"][which], unit))
+        ]
+        rows.append((str(k), *cells))
+    return Table(
+        caption="The schedule, chosen greedily and at even times",
+        head=("visit", "chosen", "epoch", "sigma after", "even", "epoch", "sigma after"),
+        align="lllrllr",
+        rows=tuple(rows),
+    )
