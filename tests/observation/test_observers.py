@@ -37,8 +37,8 @@ def read(*lines: str):
     return parse(SourceFile("f.obs", "\n".join(lines).encode()))
 
 
-def test_sites_at_strewn_times_are_within_a_centimetre_of_astropy(monkeypatch) -> None:
-    """1973 to 2027; astropy adds no tides of the pole either. 4 mm: one UT1 grain and nutation by cells."""
+def test_sites_at_strewn_times_are_within_millimetres_of_astropy(monkeypatch) -> None:
+    """1973 to 2027; astropy adds no tides of the pole either. Measured 1.8 mm: nutation by cells."""
     monkeypatch.setattr(iers.conf, "auto_download", False)
     epoch = Epoch.parse("2000-01-01T00:00:00 TDB")
     t_s = np.random.default_rng(3).uniform(-26.9, 27.0, 500) * 365.25 * 86400.0
@@ -47,7 +47,7 @@ def test_sites_at_strewn_times_are_within_a_centimetre_of_astropy(monkeypatch) -
         moment = Time(*utc_jd(epoch, t_s), format="jd", scale="utc")
         position, velocity = EarthLocation.from_geocentric(*PARANAL, unit=units.km).get_gcrs_posvel(moment)
     error_m = np.linalg.norm(ours[:, :3] - position.xyz.to_value("km").T, axis=1) * 1e3
-    assert np.max(error_m) < 0.01
+    assert np.max(error_m) < 0.004
     assert np.max(np.abs(ours[:, 3:] - velocity.xyz.to_value("km/s").T)) < 1e-6
     assert earth.notices() == ()
 
