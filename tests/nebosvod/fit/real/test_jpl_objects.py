@@ -88,6 +88,7 @@ def test_the_clocks_of_2024_mk(of_file: Callable[..., Any]) -> None:
     assert (~found.general.selected).sum() == 0
 
 
+@pytest.mark.long
 def test_one_clock_for_each_station_of_2024_mk(of_file: Callable[..., Any]) -> None:
     """The clocks found are those that JPL's orbit shows: 1.5 s at L54, with a sigma of 0.2 s."""
     found, against = of_file("2024 MK", **EXACT, uncertainty=[CLOCKS])
