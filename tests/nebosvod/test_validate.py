@@ -108,12 +108,15 @@ def test_an_estimator_that_denies_an_error_the_truth_has_fails_with_exit_1(
 def test_the_bytes_do_not_depend_on_workers_or_on_the_order_of_chunks(
     four: Path, campaign_of_four: Path, tmp_path: Path
 ) -> None:
-    """One worker, first 60 runs, then 200; against 200 at once by two."""
+    """One worker, first 60 runs, then 200; 200 at once by three; against 200 at once by two."""
     mission = load_mission(str(four))
     validate(mission, tmp_path / "v", runs=60, seed=SEED, workers=1)
     validate(mission, tmp_path / "v", runs=200, seed=SEED, workers=1)
+    validate(mission, tmp_path / "w", runs=200, seed=SEED, workers=3)
     for name in ("validation.json", *(f"chunks/{i:06d}.npz" for i in range(4))):
-        assert (tmp_path / "v" / name).read_bytes() == (campaign_of_four / name).read_bytes(), name
+        wanted = (campaign_of_four / name).read_bytes()
+        assert (tmp_path / "v" / name).read_bytes() == wanted, name
+        assert (tmp_path / "w" / name).read_bytes() == wanted, name
 
 
 def start(four: Path, folder: Path) -> "subprocess.Popen[bytes]":
