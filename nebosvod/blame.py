@@ -1,7 +1,8 @@
 """Who is to blame: the share of each source in a number, and what would be gained if the source vanished or halved.
 
 Both answers are given: with the gain as it is (only the error shrinks; nothing is estimated anew) and with the gain
-re-optimised (the estimator knows and weighs anew: a new solve, never worse). Shares of variance add up to one; the
+re-optimised (the estimator knows and weighs anew: a new solve; never worse for an estimator that leaves nothing out,
+while one that ignores or considers a source may come to trust the wrong one). Shares of variance add up to one; the
 gains of several remedies do not.
 """
 
