@@ -1,7 +1,8 @@
 """Gauss's method: orbits through three directions, for many triplets at once. Units au and days.
 
 Every positive root of the equation of eighth degree in the Sun's distance is followed (Curtis, Orbital Mechanics for
-Engineering Students, section 5.10), then f and g are made exact and the times those of emission, by iteration.
+Engineering Students, section 5.10), then f and g are made exact and the times those of emission, by iteration. The Sun
+stays where it is while the light travels: 0.01 arcsec.
 """
 
 import numpy as np
@@ -20,14 +21,13 @@ SPEED_OF_LIGHT_AU_D = 173.14463267424034
 FASTEST_AU_D = 0.06  # 104 km/s: above are no orbits of this Sun
 
 
-def gauss(u: Array, q: Array, sun_velocity: Array, t: Array, gm: float) -> tuple[Array, Array, Rows]:
+def gauss(u: Array, q: Array, t: Array, gm: float) -> tuple[Array, Array, Rows]:
     """Orbits through triplets of directions.
 
     Parameters
     ----------
     u : shape (m, 3, 3), unit vectors of the three directions of each triplet.
     q : shape (m, 3, 3), the observers from the Sun at reception, au.
-    sun_velocity : shape (m, 3, 3), barycentric, au/d: the Sun moves while the light travels.
     t : shape (m, 3), reception times, ascending, d.
     gm : of the Sun, au^3/d^2.
 
@@ -37,12 +37,12 @@ def gauss(u: Array, q: Array, sun_velocity: Array, t: Array, gm: float) -> tuple
     the triplet each belongs to.
     """
     triplet, r2 = _roots(u, q, t, gm)
-    u, q, sun_velocity, t = u[triplet], q[triplet], sun_velocity[triplet], t[triplet]
+    u, q, t = u[triplet], q[triplet], t[triplet]
     with np.errstate(all="ignore"):
         span = t - t[:, 1:2]
         curve = (gm / r2**3)[:, None]
         distance, states = _through(u, q, 1.0 - 0.5 * curve * span**2, span - curve * span**3 / 6.0)
-        refined = _refined(u, q, sun_velocity, t, distance, states, gm)
+        refined = _refined(u, q, t, distance, states, gm)
         # where the iteration wanders off, to another root or nowhere, the root itself is worth a least-squares fit
         astray = np.flatnonzero(~(np.abs(refined[0][:, 1] - distance[:, 1]) < WANDERED * distance[:, 1]))
         distance = np.concatenate([refined[0], distance[astray]])
@@ -55,19 +55,16 @@ def gauss(u: Array, q: Array, sun_velocity: Array, t: Array, gm: float) -> tuple
     return states[kept], when[kept], triplet[kept]
 
 
-def _refined(
-    u: Array, q: Array, sun_velocity: Array, t: Array, distance: Array, states: Array, gm: float
-) -> tuple[Array, Array]:
+def _refined(u: Array, q: Array, t: Array, distance: Array, states: Array, gm: float) -> tuple[Array, Array]:
     """Distances (k, 3) and states (k, 6) with exact f and g at the times of emission, as far as iteration goes."""
     f = g = None
     for _ in range(REFINEMENTS):
         before = distance
-        light = distance / SPEED_OF_LIGHT_AU_D
-        when = t - light
+        when = t - distance / SPEED_OF_LIGHT_AU_D
         exact = lagrange_coefficients(states[:, None], when - when[:, 1:2], gm)
         f = exact[0] if f is None else f + STEP * (exact[0] - f)
         g = exact[1] if g is None else g + STEP * (exact[1] - g)
-        better, moved = _through(u, q + sun_velocity * light[:, :, None], f, g)
+        better, moved = _through(u, q, f, g)
         good = np.flatnonzero(np.isfinite(moved).all(axis=1) & (better > 0.0).all(axis=1))
         distance, states = distance.copy(), states.copy()
         distance[good], states[good] = better[good], moved[good]

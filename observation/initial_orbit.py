@@ -195,7 +195,7 @@ def _search(arc: Arc, rows: Rows, observer_velocity: Array, before: list[_Found]
     """The orbits of a span, from all places there are to start from, improved."""
     middle = int(np.argmin(np.abs(arc.t - arc.t0)))
     picks = triplets(arc.t)
-    first, when, parent = gauss(arc.u[picks], arc.q[picks], arc.sun_velocity[picks], arc.t[picks], arc.gm)
+    first, when, parent = gauss(arc.u[picks], arc.q[picks], arc.t[picks], arc.gm)
     known = [fly(one.states[:CARRIED], np.array([arc.t0 - one.arc.t0]), arc.gm) for one in before]
     short = np.ptp(arc.t) < SHORT_D
     grid = ranging(arc, observer_velocity, keep=2 * IMPROVED if short else GRIDDED, fine=bool(short))

@@ -34,7 +34,7 @@ class Arc:
     ----------
     t : (m,) reception times, ascending, d; t0 : time the states hold at, within them or near.
     u, east, north : (m, 3) unit vectors of the directions and their tangent axes.
-    q : (m, 3) observer from the Sun, au; sun_velocity : (m, 3), au/d, barycentric.
+    q : (m, 3) observer from the Sun, au.
     sigma : (m, 2), rad, of RA cos Dec and Dec.
     nodes : (NODES,) times, d; pullers : (NODES, b, 3) perturbers from the Sun there, au; pulls : (b,) their GM.
     gm : of the Sun, au^3/d^2.
@@ -46,7 +46,6 @@ class Arc:
     east: Array
     north: Array
     q: Array
-    sun_velocity: Array
     sigma: Array
     nodes: Array
     pullers: Array
@@ -56,7 +55,7 @@ class Arc:
     @classmethod
     def of(cls, epoch: Epoch, t_s: Array, psi: Array, sigma: Array, observer: Array, ephemeris: Ephemeris) -> "Arc":
         """The arc of directions psi (m, 2) seen at t_s by observers (m, 6), barycentric ICRF, km and km/s."""
-        sun = ephemeris.state_km_km_s("sun", epoch, t_s)
+        sun = ephemeris.position_km("sun", epoch, t_s)
         cos_ra, sin_ra, cos_dec, sin_dec = np.cos(psi[:, 0]), np.sin(psi[:, 0]), np.cos(psi[:, 1]), np.sin(psi[:, 1])
         zero = np.zeros_like(cos_ra)
         pad = 0.01 * np.ptp(t_s) + 60.0
@@ -70,8 +69,7 @@ class Arc:
             u=np.stack([cos_dec * cos_ra, cos_dec * sin_ra, sin_dec], axis=1),
             east=np.stack([-sin_ra, cos_ra, zero], axis=1),
             north=np.stack([-sin_dec * cos_ra, -sin_dec * sin_ra, cos_dec], axis=1),
-            q=(observer[:, :3] - sun[:, :3]) / AU_KM,
-            sun_velocity=sun[:, 3:] * (DAY_S / AU_KM),
+            q=(observer[:, :3] - sun) / AU_KM,
             sigma=sigma,
             nodes=nodes_s / DAY_S,
             pullers=np.stack(places, axis=1) / AU_KM,
@@ -84,7 +82,7 @@ class Arc:
         if self.t.size <= most:
             return self
         rows = np.unique(np.searchsorted(self.t, np.linspace(self.t[0], self.t[-1], most)))
-        names = ("t", "u", "east", "north", "q", "sun_velocity", "sigma")
+        names = ("t", "u", "east", "north", "q", "sigma")
         return replace(self, **{name: getattr(self, name)[rows] for name in names})
 
 
@@ -135,11 +133,10 @@ def residuals(arc: Arc, states: Array, shift: Array) -> Array:
     """
     now = fly(states[:, None], arc.t - arc.t0, arc.gm)
     r, v = now[..., :3] + shift, now[..., 3:]
-    fall = -arc.gm * r / np.sum(r * r, axis=-1, keepdims=True) ** 1.5
     light = np.zeros(r.shape[:-1])
     for _ in range(3):
-        tau = light[..., None]
-        rho = r - v * tau + 0.5 * fall * tau**2 - (arc.q + arc.sun_velocity * tau)
+        # straight back along the orbit, with a Sun at rest: 0.01 arcsec at most
+        rho = r - v * light[..., None] - arc.q
         light = np.linalg.norm(rho, axis=-1) / SPEED_OF_LIGHT_AU_D
     towards = rho / np.linalg.norm(rho, axis=-1, keepdims=True)
     x, y = np.sum(towards * arc.east, axis=-1), np.sum(towards * arc.north, axis=-1)

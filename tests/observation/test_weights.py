@@ -111,6 +111,13 @@ def test_more_than_four_in_a_night_weigh_as_four() -> None:
     np.testing.assert_allclose(sigma_arcsec(*night[:4]), 0.8, rtol=1e-12)
 
 
+def test_occultations_of_a_night_keep_their_weights() -> None:
+    events = [line("244", f"2015 10 09.{20072 + 100 * i}", mode="E") for i in range(9)]
+    ours = weigh(read(*events))
+    assert ours.night_count[0] == 9
+    np.testing.assert_allclose(ours.sigma_rad / ARCSEC, 0.2, rtol=1e-12)
+
+
 def test_a_night_changes_at_local_noon_not_at_midnight_utc() -> None:
     # E12, Siding Spring, longitude 149 deg: local noon is 2h 4m UTC (day 0.086)
     night = [line("E12", f"2015 10 09.{i}0000") for i in (4, 5, 6, 7, 8)]
