@@ -361,6 +361,9 @@ def _invoke(argv: Sequence[str]) -> int:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program on `argv` (default: the command line) and return its exit code."""
     argv = sys.argv[1:] if argv is None else argv
+    # matrices of a mission are small: threads of the linear algebra cost more than they bring, up to ten times where
+    # something else runs. It is read when numpy loads; who sets it keeps it.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     debug = "--debug" in argv
     argv = [word for word in argv if word != "--debug"]  # so that it may stand anywhere
     try:
