@@ -14,10 +14,11 @@ import numpy as np
 import numpy.typing as npt
 
 from nebosvod.errors import InputError
-from nebosvod.mission import Mission, Source
+from nebosvod.mission import FitMission, Mission, Source
 from nebosvod.mission import Telescope as TelescopeBlock
 from nebosvod.mission import spacecraft as said
 from nebosvod.mission.covariance import checked
+from nebosvod.mission.fit import plain
 from nebosvod.mission.uncertainty import Bias, Photocentre, Position, Timing
 from nebosvod.observation import (
     ArcBias,
@@ -239,7 +240,12 @@ def _orbit_error(source: Source, mission: Mission, seeing: Seeing) -> Nuisance:
 
 def _covariance_of_orbit(source: Source, mission: Mission, near: Epoch) -> tuple[Array, Literal["icrf", "rtn"], Epoch]:
     """The covariance in the telescope's OEM file whose epoch is nearest to one asked for, its frame and its epoch."""
-    orbit = mission.telescope(source.telescopes[0]).orbit
+    name = source.telescopes[0]
+    orbit: said.TelescopeOrbit | None
+    if isinstance(mission, FitMission):
+        orbit = mission.fit.spacecraft.get(plain(name))
+    else:
+        orbit = mission.telescope(name).orbit
     if not isinstance(orbit, said.OemFile):
         raise TypeError(f"{source.name}: its orbit is not from a file")
     held = read_oem(mission.beside(orbit.file)).covariances

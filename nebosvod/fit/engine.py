@@ -197,8 +197,14 @@ def _first_orbit(
         raise GeometryError(f"{material.astrometry.objects[0]}: {text}; {_known(material)}")
     _, grown, start = best
     at = start.epoch + start.t_s
-    state = propagate(grown.correction.state, at, [epoch - at], bare, sensitivities=False).state[0]
-    return epoch, np.array(state), grown.selected, _origin(start, material)
+    origin = _origin(start, material)
+    try:
+        state = propagate(grown.correction.state, at, [epoch - at], bare, sensitivities=False).state[0]
+    except (
+        EventError
+    ):  # 0h may lie outside an arc of minutes, and the vague orbit of such an arc run into a body before
+        return at, grown.correction.state, grown.selected, origin
+    return epoch, np.array(state), grown.selected, origin
 
 
 def _origin(start: StartingOrbit, material: Material) -> str:

@@ -18,10 +18,10 @@ from nebosvod.estimation import Estimate, LinearProblem, batch, gauss_newton
 from nebosvod.estimation.rejection import Thresholds, chi_squared, reselect, settled
 from nebosvod.fit.material import Material
 from nebosvod.fit.sky import Look, Sky, look
-from nebosvod.fit.stage import scene_of, view_of
+from nebosvod.fit.stage import STATED, scene_of, view_of
 from nebosvod.fitting import Fit
 from nebosvod.mission import FitMission
-from nebosvod.observation import Common
+from nebosvod.observation import Common, Markov, White
 from nebosvod.prior import PriorTable
 from nebosvod.scene import Scene
 
@@ -148,7 +148,8 @@ def _judged(scene: Scene, material: Material, sky: Sky, fit: Fit, seen: Look, se
     """Residual (n, 2) and chi squared (n,) of every observation, selected or not.
 
     Estimated nuisances common to many observations are taken out of the residuals; those of an observation that was
-    left out and belongs to a station without any other are unknown, so their covariance joins its noise.
+    left out and belongs to a station without any other are unknown, so their covariance joins its noise. So does that
+    of errors drawn anew or correlated in time, which are in the weights.
     """
     estimate: Estimate = fit.estimate
     R, residual = sky.R.copy(), seen.residual.copy()
@@ -164,6 +165,10 @@ def _judged(scene: Scene, material: Material, sky: Sky, fit: Fit, seen: Look, se
             H[:, :, column[name]] = seen.H[:, :, place]
     for term in whole.terms:
         if not isinstance(term, Common):
+            if (
+                term.treatment == "estimated" and term.name != STATED
+            ):  # in the weights; stated ones are in those of the sky
+                R[term.rows] += term.H @ _marginal(term) @ term.H.transpose(0, 2, 1)
             continue
         for k, name in enumerate(term.names):
             if name in column:
@@ -172,6 +177,17 @@ def _judged(scene: Scene, material: Material, sky: Sky, fit: Fit, seen: Look, se
             elif name not in estimate.left_out:
                 R += term.covariance[k, k] * term.H[:, :, k, None] * term.H[:, None, :, k]
     return residual, chi_squared(residual, R, H, estimate.S_formal, selected)
+
+
+def _marginal(term: White | Markov) -> Array:
+    """Covariance (r, q, q) of an error drawn anew, or correlated in time, at each of its rows by itself."""
+    if isinstance(term, White):
+        return term.Q
+    P = np.empty_like(term.Q)
+    P[0] = term.P0
+    for row in range(1, len(P)):
+        P[row] = term.F[row] @ P[row - 1] @ term.F[row].T + term.Q[row]
+    return P
 
 
 def _state_names(fit: Fit) -> tuple[str, ...]:

@@ -88,7 +88,9 @@ def every(
 def _manifest(mission: FitMission, found: Answer, started: float) -> dict[str, Any]:
     """Where the result came from, with the sha256 of every file read."""
     general = found.fit.general
-    paths = [mission.beside(name) if mission.path is not None else Path(name) for name in mission.fit.observations]
+    paths = [Path(name) for name in mission.fit.observations]
+    if mission.path is not None:
+        paths = [path for path in mission.input_files if path.is_file()]
     return manifest(general.scene, 0, started, [general.fit]) | {
         "inputs_sha256": {str(path): sha256_of(path) for path in paths},
         "status": {"fit": str(found.fit.verdict.status)},

@@ -4,7 +4,7 @@ Everything that a simulated run says of its estimate (budget, predictions, treat
 a fit by the same code.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -16,7 +16,7 @@ from nebosvod.fit.sky import Look
 from nebosvod.impact import follow
 from nebosvod.instruments import nuisance
 from nebosvod.mission import FitMission, Position, SkyPrediction, Source
-from nebosvod.observation import Observation, Telescope, obscodes
+from nebosvod.observation import Nuisance, Observation, Telescope, ZoneBias, obscodes
 from nebosvod.observation.contracts import Ephemeris as AnyEphemeris
 from nebosvod.observation.sites import GroundSite
 from nebosvod.observation.term import Treatment, White
@@ -158,5 +158,11 @@ def observation_of(material: Material, trajectory: Trajectory, seen: Look, rows:
 def view_of(scene: Scene, point: Point, material: Material, trajectory: Trajectory, seen: Look, rows: Rows) -> View:
     """What the general estimator sees of a look at the sky: the chosen observations and what the sources do to them."""
     observation = observation_of(material, trajectory, seen, rows)
-    terms = tuple(one.term(observation, scene.ephemeris) for one in scene.nuisances)
+    psi = material.observed[rows]
+    terms = tuple(_zoned(one, observation, psi).term(observation, scene.ephemeris) for one in scene.nuisances)
     return View(point=point, trajectory=trajectory, observation=observation, terms=terms)
+
+
+def _zoned(one: Nuisance, observation: Observation, psi: Array) -> Nuisance:
+    """The same nuisance; zones of the sky are those of the observed directions psi (k, 2), whatever the orbit says."""
+    return replace(one, sky=psi[observation.rows(one.telescopes)]) if isinstance(one, ZoneBias) else one

@@ -130,15 +130,25 @@ def _sites(mission: Mission) -> Iterator[Complaint]:
 
 def _carried_covariances(mission: Mission) -> Iterator[Complaint]:
     """`covariance: orbit` stands where the orbit comes from a file that can hold one."""
-    real = isinstance(mission, FitMission)  # observers of real astrometry have no orbit block
+    for path, error, kinds in _position_errors(mission):
+        if error.from_orbit and kinds - {"oem"}:
+            text = "orbit means the covariance in the file of the orbit, and only kind oem has one"
+            yield (*path, "covariance"), f"{text} (got {min(kinds - {'oem'})})"
+
+
+def _position_errors(mission: Mission) -> Iterator[tuple[KeyPath, Position, set[str]]]:
+    """Position errors with their place in the file and the kinds of orbits they belong to, "none" without a file."""
+    if isinstance(mission, FitMission):  # who observed is known from the records alone
+        files = mission.fit.spacecraft
+        for i, entry in enumerate(mission.fit.uncertainty):
+            if entry.position is not None:
+                codes = ["all"] if entry.stations == "all" else entry.stations
+                kinds = {str(files[code].kind) if code in files else "none" for code in codes}
+                yield ("fit", "uncertainty", i, "position"), entry.position, kinds
+        return
     for source in mission.sources:
-        if isinstance(source.error, Position) and source.error.from_orbit:
-            kinds = {"none" if real else mission.telescope(name).orbit.kind for name in source.telescopes} - {"oem"}
-            if kinds:
-                text = (
-                    f"orbit means the covariance in the file of the orbit, and only kind oem has one (got {min(kinds)})"
-                )
-                yield (*source.path, "covariance"), text
+        if isinstance(source.error, Position):
+            yield source.path, source.error, {str(mission.telescope(name).orbit.kind) for name in source.telescopes}
 
 
 def _coverage(mission: Mission) -> Iterator[Complaint]:
