@@ -47,7 +47,10 @@ class Epoch:
         day = math.floor(jd1 - 0.5) + 0.5
         fraction = (jd1 - day) + jd2
         whole = math.floor(fraction)
-        return cls(day + whole, fraction - whole)
+        fraction -= whole
+        if fraction == 1.0:  # just before midnight: the nearest number is midnight
+            whole, fraction = whole + 1, 0.0
+        return cls(day + whole, fraction)
 
     @classmethod
     def parse(cls, text: str) -> "Epoch":

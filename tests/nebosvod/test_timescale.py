@@ -4,7 +4,7 @@ import warnings
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from nebosvod.errors import InputError
@@ -38,6 +38,7 @@ def test_seconds_offsets_keep_nanoseconds_over_a_century() -> None:
 
 
 @given(st.floats(2_450_000.0, 2_480_000.0), st.floats(-1.0, 1.0))
+@example(2_450_000.5, -1e-97)
 def test_epoch_is_independent_of_how_the_parts_are_split(jd1: float, jd2: float) -> None:
     epoch = Epoch.from_jd(jd1, jd2)
     assert 0.0 <= epoch.fraction < 1.0
