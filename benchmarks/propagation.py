@@ -3,9 +3,10 @@
 Orbits: JPL Horizons, osculating heliocentric states, ecliptic of J2000, au and au/d, all started on 2020-01-01 as if
 that were their epoch. Every program gets the same start, DE440, the Sun's relativity, the Earth's oblateness and A1-A3.
 Apophis is JPL's solution 220 carried back to that day: ten years take it through its encounter with the Earth in 2029.
-The difference from assist (Holman et al. 2023, PSJ 4, 69) and kete is printed beside the times. Each case runs the
+The difference from assist (Holman et al. 2023, PSJ 4, 69) and others is printed beside the times. Each case runs the
 programs in turn in one process; times are CPU milliseconds of one thread, the best of some repeats, then medians over
-objects. What is left out is named. Needs: pip install -e .[bench] (kete beside it, if it is to be compared)
+objects. What is left out is named. heyoka integrates the planets along, without the Earth's oblateness, and Phi alone.
+Needs: pip install -e .[bench] (kete and heyoka beside it, if they are to be compared)
 Usage: python benchmarks/propagation.py
 """
 
@@ -22,7 +23,8 @@ from pathlib import Path
 import numpy as np
 
 from nebosvod.dynamics import Ephemeris, ForceModel, Nongrav, propagate, propagate_many
-from nebosvod.dynamics.constants import AU_KM, DAY_S
+from nebosvod.dynamics.constants import AU_KM, DAY_S, SPEED_OF_LIGHT_KM_S
+from nebosvod.dynamics.ephemeris import PLANETS
 from nebosvod.dynamics.frames import R_icrf_from_ecliptic
 from nebosvod.timescale import Epoch
 
@@ -30,6 +32,7 @@ YEAR_D = 365.25
 EPOCH = Epoch.parse("2020-01-01T00:00:00 TDB")
 T0_D = EPOCH.jd_tdb - 2451545.0
 SMALLEST_STEP_D = 1e-3
+SUN_NAMES = ("x_0", "y_0", "z_0", "vx_0", "vy_0", "vz_0")
 A123 = (5.0e-13, -2.9e-14, 1.0e-14)
 OBJECTS = {
     "2020 AV2, Vatira": (0.2184969861, -0.4881653318, -0.1450698595, 0.0225265742, 0.0052200792, 0.0007255528),
@@ -123,6 +126,71 @@ class Kete:
         return np.array(list(found.change_center(10).as_equatorial.pos)) * AU_KM
 
 
+class Heyoka:
+    """heyoka: Taylor series compiled for this system; X, or X with the 36 equations of Phi, tolerance 1e-15.
+
+    It reads no DE440: Sun, planets, Moon and Pluto start from it and are integrated along as Newtonian points, the
+    asteroid with the Sun's relativity and A1-A3. No asteroids, no oblateness. Compiling comes before the times.
+    Only the asteroid's own variations are integrated; `var_ode_sys` would carry those of all twelve bodies.
+    """
+
+    def __init__(self, asteroids: bool) -> None:
+        if asteroids:
+            raise RuntimeError("sixteen more bodies would have to be integrated along")
+        self.hy = importlib.import_module("heyoka")
+        ephemeris, units = Ephemeris.load(), np.repeat([AU_KM, AU_KM / DAY_S], 3)
+        self.gm = [ephemeris.gm_km3_s2[body] * DAY_S**2 / AU_KM**3 for body in PLANETS]
+        states = [np.reshape(ephemeris.state_km_km_s(body, EPOCH, 0.0), 6) / units for body in PLANETS]
+        self.start = np.concatenate(states)
+        self.integrators = {}
+        for partials in (False, True):
+            begin = time.perf_counter()
+            initial = np.zeros(72 + 36 * partials)
+            self.integrators[partials] = self.hy.taylor_adaptive(
+                self.system(partials), initial, tol=1e-15, compact_mode=True
+            )
+            spent = time.perf_counter() - begin
+            print(f"heyoka compiled {'X, Phi' if partials else 'X'} in {spent:.1f} s", flush=True)
+
+    def system(self, partials: bool) -> list[tuple[object, object]]:
+        """Equations of the eleven bodies and of the asteroid, au and d."""
+        hy, last = self.hy, len(self.gm)
+        equations = hy.model.nbody(last + 1, masses=self.gm, Gconst=1.0)
+        names = [f"{axis}_{last}" for axis in ("x", "y", "z", "vx", "vy", "vz")]
+        own = hy.make_vars(*names)
+        relative = [a - b for a, b in zip(own, hy.make_vars(*SUN_NAMES), strict=True)]
+        d, w = relative[:3], relative[3:]
+        c2, gm = (SPEED_OF_LIGHT_KM_S * DAY_S / AU_KM) ** 2, self.gm[0]
+        r2, w2, dw = (hy.sum([a * b for a, b in zip(u, v, strict=True)]) for u, v in ((d, d), (w, w), (d, w)))
+        r = hy.sqrt(r2)
+        h = [d[1] * w[2] - d[2] * w[1], d[2] * w[0] - d[0] * w[2], d[0] * w[1] - d[1] * w[0]]
+        size = hy.sqrt(hy.sum([a * a for a in h]))
+        t = [h[1] * d[2] - h[2] * d[1], h[2] * d[0] - h[0] * d[2], h[0] * d[1] - h[1] * d[0]]
+        for k in range(3):
+            relativity = gm / (c2 * r2 * r) * ((4.0 * gm / r - w2) * d[k] + 4.0 * dw * w[k])
+            law = (A123[0] * d[k] / r + A123[1] * t[k] / (size * r) + A123[2] * h[k] / size) / r2
+            variable, acceleration = equations[6 * last + 3 + k]
+            equations[6 * last + 3 + k] = (variable, acceleration + relativity + law)
+        if partials:
+            phi = [hy.make_vars(*(f"phi_{i}_{j}" for j in range(6))) for i in range(6)]
+            for i in range(3):
+                rows = [hy.diff(equations[6 * last + 3 + i][1], variable) for variable in own]
+                for j in range(6):
+                    equations.append((phi[i][j], phi[i + 3][j]))
+                    equations.append((phi[i + 3][j], hy.sum([rows[k] * phi[k][j] for k in range(6)])))
+        return list(equations)
+
+    def __call__(self, start: np.ndarray, days: float, partials: bool) -> np.ndarray:
+        integrator = self.integrators[partials]
+        asteroid = start / np.repeat([AU_KM, AU_KM / DAY_S], 3) + self.start[:6]
+        integrator.time = 0.0
+        integrator.state[:72] = np.concatenate([self.start, asteroid])
+        if partials:  # row by row of Phi: (i, j) and (i + 3, j) in turn
+            integrator.state[72:] = np.stack([np.eye(6)[:3], np.eye(6)[3:]], axis=2).ravel()
+        integrator.propagate_until(days)
+        return (integrator.state[66:69] - integrator.state[:3]) * AU_KM
+
+
 class Ours:
     """nebosvod, dense output and Python included."""
 
@@ -144,7 +212,7 @@ class Ours:
 def peers(asteroids: bool) -> dict[str, Callable[[np.ndarray, float, bool], np.ndarray]]:
     """What can be run here, by name; says what cannot and why."""
     found: dict[str, Callable[[np.ndarray, float, bool], np.ndarray]] = {"nebosvod": Ours(asteroids)}
-    for name, peer in (("assist", Assist), ("kete", Kete)):
+    for name, peer in (("assist", Assist), ("kete", Kete), ("heyoka", Heyoka)):
         try:
             found[name] = peer(asteroids)
         except (ImportError, AttributeError, RuntimeError, OSError) as error:
@@ -216,8 +284,7 @@ def reuse() -> None:
 
 def main() -> None:
     """Run all cases."""
-    print("grss is left out: on import it asks the Minor Planet Center for its list of observatories")
-    print("heyoka is left out: its own planets (VSOP2013, or integrated along) are other forces than DE440", flush=True)
+    print("grss is left out: on import it asks the Minor Planet Center for its list of observatories", flush=True)
     for asteroids in (True, False):
         for days, repeats in ((YEAR_D, 7), (10 * YEAR_D, 3)):
             for partials in (False, True):
