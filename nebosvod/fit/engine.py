@@ -15,7 +15,7 @@ from nebosvod.estimation import Status
 from nebosvod.estimation.rejection import Thresholds
 from nebosvod.estimation.square_root import covariance_factor
 from nebosvod.fit.correction import Knowledge
-from nebosvod.fit.general import General, estimate
+from nebosvod.fit.general import General, estimate, widened
 from nebosvod.fit.growth import grow
 from nebosvod.fit.material import Material, prepare
 from nebosvod.fit.selection import Selected, select
@@ -93,12 +93,14 @@ def fit_object(
     sky = material.sky(epoch)
     x = np.concatenate([state, lean_forces.values])
     prior = knowledge(priors, solved)
-    lean = select(sky, x, lean_forces, thresholds, selected=chosen, prior=prior, limit=mission.fit.iterations)
+    wide = widened(resolved, material, sky, lean_forces, state)
+    lean = select(wide, x, lean_forces, thresholds, selected=chosen, prior=prior, limit=mission.fit.iterations)
     weighed = material.weighed(sky, lean.correction.seen)
     if weighed is not sky:
         sky = weighed
+        wide = widened(resolved, material, sky, lean_forces, lean.correction.state)
         lean = select(
-            sky, lean.correction.x, lean_forces, thresholds, selected=lean.selected, prior=prior,
+            wide, lean.correction.x, lean_forces, thresholds, selected=lean.selected, prior=prior,
             limit=mission.fit.iterations,
         )  # fmt: skip
     say(f"{designation}: estimating")

@@ -6,7 +6,7 @@ by residuals from which it has been taken.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -39,6 +39,7 @@ class General:
     ----------
     residual : (n, 2) of every observation after the fit, estimated sources taken out, rad.
     chi2 : (n,) by the covariance of each residual.
+    stands : whether another round would select the same; without, the rounds went in a circle or to their limit.
     """
 
     scene: Scene
@@ -47,6 +48,7 @@ class General:
     seen: Look
     residual: Array
     chi2: Array
+    stands: bool = True
 
 
 def estimate(
@@ -71,14 +73,42 @@ def estimate(
     history: list[Flags] = []
     found = _once(mission, material, sky, forces, state, priors, selected)
     anew = any(source.error.treatment == "estimated" for source in mission.sources)
-    while thresholds is not None and anew and found.fit.estimate.solution is not None and len(history) < ROUNDS:
+    while thresholds is not None and anew and found.fit.estimate.solution is not None:
         latest = reselect(found.chi2, selected, thresholds, len(found.fit.estimate.names) // 2 + 1)
-        if settled([*history, selected], latest):
+        if np.array_equal(latest, selected):
             break
+        if settled(history, latest) or len(history) == ROUNDS:
+            return replace(found, stands=False)
         history.append(selected)
         selected = latest
         found = _once(mission, material, sky, forces, found.fit.point.state, priors, selected)
     return found
+
+
+def widened(mission: FitMission, material: Material, sky: Sky, forces: ForceModel, state: Array) -> Sky:
+    """The sky with every source that will be estimated as more noise of each observation by itself.
+
+    A selection that does not know a source yet would take all of a telescope for gross errors.
+
+    Parameters
+    ----------
+    state : (6,) near the orbit, at the epoch of the sky.
+    """
+    if not any(source.error.treatment == "estimated" for source in mission.sources):
+        return sky
+    every = np.arange(len(sky))
+    trajectory = propagate(state, sky.epoch, sky.span_s, forces)
+    scene = scene_of(mission, material, forces, trajectory, every)
+    point = Point(state=state, parameters={}, nuisances={})
+    R = sky.R.copy()
+    for term in view_of(scene, point, material, trajectory, look(trajectory, sky), every).terms:
+        if term.treatment != "estimated" or term.name == STATED:
+            continue
+        if isinstance(term, Common):
+            R += term.H @ term.covariance @ term.H.transpose(0, 2, 1)
+        else:
+            R[term.rows] += term.H @ _marginal(term) @ term.H.transpose(0, 2, 1)
+    return sky.weighed(R)
 
 
 def _once(

@@ -236,6 +236,15 @@ def test_an_arc_of_an_hour_is_status_1(tmp_path, capsys):
     assert json.loads((tmp_path / "run" / "summary.json").read_text("utf-8"))["fit"]["status"] == "not_observable"
 
 
+def test_a_vague_orbit_that_hits_the_earth_before_its_arc_is_status_1(tmp_path, capsys):
+    """Of 18 minutes in the early morning: at 0h, where others have their epoch, that orbit is inside the Earth."""
+    lines = (DATA / "2023DW.obs80").read_text("ascii").splitlines()[:3]
+    (tmp_path / "three.obs80").write_text("\n".join(lines) + "\n", "ascii")
+    assert main(["fit", str(tmp_path / "three.obs80"), "-o", str(tmp_path / "run")]) == 1
+    assert "does not tell how far the object is" in capsys.readouterr().out
+    assert (tmp_path / "run" / "report.html").exists()
+
+
 def test_two_observations_say_what_is_known_of_them(tmp_path, capsys):
     lines = (DATA / "2024MK.obs80").read_text("ascii").splitlines()[:2]
     (tmp_path / "two.obs80").write_text("\n".join(lines) + "\n", "ascii")
