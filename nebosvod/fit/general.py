@@ -7,6 +7,7 @@ by residuals from which it has been taken.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import cast
 
 import numpy as np
 import numpy.typing as npt
@@ -186,7 +187,8 @@ def _judged(scene: Scene, material: Material, sky: Sky, fit: Fit, seen: Look, se
     if estimate.solution is None:
         return residual, np.full(len(sky), np.nan)
     every = np.arange(len(sky))
-    whole = view_of(scene, fit.point, material, fit.trajectory, seen, every)
+    everyone = scene_of(cast(FitMission, scene.mission), material, scene.forces, fit.trajectory, every)
+    whole = view_of(everyone, fit.point, material, fit.trajectory, seen, every)
     H = np.zeros((len(sky), 2, len(estimate.names)))
     column = {name: place for place, name in enumerate(estimate.names)}
     known = dict(zip((*_state_names(fit), *seen_parameters(fit)), range(seen.H.shape[2])))
@@ -204,7 +206,7 @@ def _judged(scene: Scene, material: Material, sky: Sky, fit: Fit, seen: Look, se
             if name in column:
                 H[:, :, column[name]] = term.H[:, :, k]
                 residual -= term.H[:, :, k] * fit.point.nuisances[name]
-            elif name not in estimate.left_out:
+            elif term.treatment == "estimated":
                 R += term.covariance[k, k] * term.H[:, :, k, None] * term.H[:, None, :, k]
     return residual, chi_squared(residual, R, H, estimate.S_formal, selected)
 

@@ -16,6 +16,7 @@ from nebosvod.errors import InputError
 from nebosvod.fit.sky import Look, Sky
 from nebosvod.instruments import SPACECRAFT
 from nebosvod.mission import FitMission
+from nebosvod.mission.fit import FitPlan
 from nebosvod.observation import Spacecraft, debias, weights
 from nebosvod.observation.astrometry_files import read_astrometry
 from nebosvod.observation.direction import offset
@@ -106,12 +107,14 @@ class Material:
 
     def weighed(self, sky: Sky, seen: Look) -> Sky:
         """The sky with everything in its weights that is drawn anew at each record: noise, time, stated places."""
+        return sky.weighed(self.total_noise(seen)) if self.has_timing or self.position_rows.size else sky
+
+    def total_noise(self, seen: Look) -> Array:
+        """Covariance (n, 2, 2), rad^2, of all that is drawn anew at each record: `noise`, and places as stated."""
         R, places = self.noise(seen), self.position_rows
-        if not (self.has_timing or places.size):
-            return sky
         H = seen.lines["H_z"][places]
         R[places] += H @ self.astrometry.position_covariance_km2[places] @ H.transpose(0, 2, 1)
-        return sky.weighed(R)
+        return R
 
 
 def gather(mission: FitMission) -> Astrometry:
@@ -165,7 +168,7 @@ def prepare(records: Astrometry, mission: FitMission, ephemeris: Ephemeris) -> M
         observed=offset(records.psi, -correction),
         sigma_rad=sigma,
         correlation=found.correlation,
-        timing_sigma_s=_clocks(records, plan.clock, found.night_count),
+        timing_sigma_s=_clocks(records, _ground_clocks(records, plan), found.night_count),
         rule=found.rule,
         names=names,
         telescopes=made,
@@ -192,7 +195,17 @@ def _telescopes(
     return names, made, index
 
 
-def _clocks(records: Astrometry, ground_s: float, night_count: npt.NDArray[np.int64]) -> Array:
+def _ground_clocks(records: Astrometry, plan: FitPlan) -> Array:
+    """Sigma (n,) of a clock on the ground, s; 0 by default where a source of the file says it, lest it count twice."""
+    ground_s = np.full(len(records), plan.clock)
+    if "clock" not in plan.model_fields_set:
+        for entry in plan.uncertainty:
+            if entry.timing is not None:
+                ground_s[np.isin(records.station, entry.stations) | (entry.stations == "all")] = 0.0
+    return ground_s
+
+
+def _clocks(records: Astrometry, ground_s: Array, night_count: npt.NDArray[np.int64]) -> Array:
     """Sigma (n,) of the time: stated, else that of a clock on the ground; spacecraft and occultations keep time.
 
     Notes

@@ -17,7 +17,9 @@ def _lines(mission: FitMission) -> Iterator[str]:
     yield f"start            {f'{given.representation} at {given.epoch}' if given else 'found from the observations'}"
     yield f"weights          {plan.weights or 'stated, else by station, catalogue and date'}"
     yield f"star catalogues  {plan.debias or 'not corrected'}"
-    yield f"clocks           {plan.clock:g} s on the ground, the same all night"
+    timed = "clock" not in plan.model_fields_set and any(entry.timing is not None for entry in plan.uncertainty)
+    unless = "; none where timing is uncertain below" if timed else ""
+    yield f"clocks           {plan.clock:g} s on the ground, the same all night{unless}"
     said = plan.rejection
     yield f"rejection        {f'above chi2 {said.reject:g}, back below {said.recover:g}' if said.enabled else 'off'}"
     for parameter in mission.parameters:

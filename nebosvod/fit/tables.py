@@ -34,7 +34,8 @@ def residuals(found: Answer) -> Table:
     """One row for each record, by time: what was observed, what is left, what it weighs, whether it counts."""
     fit = found.fit
     records, general = fit.material.astrometry, fit.general
-    v, sigma = general.residual / ARCSEC, fit.material.sigma_rad / ARCSEC
+    v, R = general.residual / ARCSEC, fit.material.total_noise(general.seen) / ARCSEC**2
+    sigma = np.sqrt(np.diagonal(R, axis1=1, axis2=2))
     return Table(
         columns={
             "utc": records.utc,
@@ -47,7 +48,7 @@ def residuals(found: Answer) -> Table:
             "residual_dec": v[:, 1],
             "sigma_ra": sigma[:, 0],
             "sigma_dec": sigma[:, 1],
-            "correlation": fit.material.correlation,
+            "correlation": R[:, 0, 1] / (sigma[:, 0] * sigma[:, 1]),
             "chi": np.sqrt(general.chi2),
             "selected": general.selected,
             "rule": fit.material.rule,
@@ -59,8 +60,9 @@ def residuals(found: Answer) -> Table:
             "t": "s", "ra": "deg", "dec": "deg", "residual_ra": "arcsec", "residual_dec": "arcsec",
             "sigma_ra": "arcsec", "sigma_dec": "arcsec", "distance": "km",
         },
-        description="Observed minus computed after the fit, RA times cos Dec and Dec, estimated biases taken out; chi "
-        "by the covariance of each residual; t in TDB seconds after the epoch of the fit",
+        description="Observed minus computed after the fit, RA times cos Dec and Dec, estimated biases taken out; "
+        "sigmas with clock and stated place of the observer; chi by the covariance of each residual; "
+        "t in TDB seconds after the epoch of the fit",
     )  # fmt: skip
 
 
@@ -98,6 +100,7 @@ def all_arrays(found: Answer) -> Arrays:
         "psi": fit.material.observed,
         "residual": general.residual,
         "R": fit.material.noise(general.seen),
+        "R_total": fit.material.total_noise(general.seen),
         "selected": general.selected,
         "chi2": general.chi2,
         "H": general.seen.H,

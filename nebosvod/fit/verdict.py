@@ -1,15 +1,20 @@
 """How a fit ended, and whether its numbers are an orbit: a status, and sentences that say why."""
 
 from dataclasses import dataclass
+from pathlib import Path
+from typing import cast
 
 import numpy as np
 import numpy.typing as npt
+from scipy.stats import chi2 as chi_square
 
 from nebosvod.dynamics.elements import state_to_cometary
 from nebosvod.estimation import Status
 from nebosvod.fit.general import General
 from nebosvod.fit.material import Material
 from nebosvod.fit.selection import Selected
+from nebosvod.mission import FitMission
+from nebosvod.mission.fit import FitPlan
 from nebosvod.prior import STATE_NAMES
 from nebosvod.timescale import SECONDS_PER_DAY
 
@@ -17,6 +22,8 @@ Array = npt.NDArray[np.float64]
 DISTANCE = 0.3  # sigma of the distance over the distance, beyond which the arc does not tell how far the object is
 UNBOUND = 3.0  # sigmas of e that a hyperbola must lie above 1 to be believed
 LEFT_OUT = 0.5  # of the observations: a fit that rejects more fits something else
+DOUBTED = 1e-2  # probability of so large a chi squared by chance, below which a reader is warned
+REFUSED = 1e-6  # below which the sigmas of the orbit say nothing
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -42,12 +49,16 @@ class Verdict:
 
 def verdict(lean: Selected, general: General, material: Material) -> Verdict:
     """Judge a fit."""
-    cautions = []
     rejected = int((~general.selected).sum())
-    if rejected > LEFT_OUT * len(material):
-        cautions.append(f"{rejected} of {len(material)} observations were rejected: this orbit is not theirs")
-    if not lean.stands:
-        cautions.append("the selection of observations went in a circle and was kept as it was")
+    few = [f"{rejected} of {len(material)} observations were rejected: this orbit is not theirs"]
+    few = few if rejected > LEFT_OUT * len(material) else []
+    chance, words = _misfit(general)
+    large = [words] if chance < DOUBTED else []
+    cautions = [*few, *large, *_kept(general, material)]
+    if not (lean.stands and general.stands):
+        cautions.append(
+            "the selection of observations went in a circle or to its limit of rounds, and was kept as it was"
+        )
     status = lean.correction.status
     if status is Status.CONVERGED:
         status = general.fit.status
@@ -56,11 +67,47 @@ def verdict(lean: Selected, general: General, material: Material) -> Verdict:
     vague = _vague(general, material)
     if vague:
         return Verdict(status=Status.NOT_OBSERVABLE, message=vague, cautions=tuple(cautions))
-    if status is not Status.CONVERGED:
-        return Verdict(status=status, message=status.sentence, cautions=tuple(cautions))
-    if rejected > LEFT_OUT * len(material):
+    if status is Status.ITERATION_LIMIT:
+        message = f"{status.sentence} Raise fit.iterations (now {_plan(general).iterations})."
+        return Verdict(status=status, message=message, cautions=tuple(cautions))
+    if status is Status.CONVERGED and (few or chance < REFUSED):
         return Verdict(status=Status.DIVERGED, message=cautions[0], cautions=tuple(cautions[1:]))
     return Verdict(status=status, message=status.sentence, cautions=tuple(cautions))
+
+
+def _plan(general: General) -> FitPlan:
+    """What the settings ask."""
+    return cast(FitMission, general.scene.mission).fit
+
+
+def _misfit(general: General) -> tuple[float, str]:
+    """Probability of so large a chi squared by chance, 1 where there is none, and the sentence that says it."""
+    estimate = general.fit.estimate
+    if estimate.solution is None:
+        return 1.0, ""
+    known = {name for prior in general.fit.problem.priors for name in prior.names}
+    freedom = 2 * int(general.selected.sum()) - len(set(estimate.names) - known)
+    if freedom <= 0:
+        return 1.0, ""
+    return float(chi_square.sf(estimate.chi2, freedom)), (
+        f"chi squared is {estimate.chi2:.4g} for {freedom} degrees of freedom, where chance leads above "
+        f"{chi_square.isf(DOUBTED, freedom):.4g} once in {1.0 / DOUBTED:.0f}: the sigmas are too small"
+    )
+
+
+def _kept(general: General, material: Material) -> list[str]:
+    """A caution where selected observations lie beyond the threshold of rejection."""
+    said = _plan(general).rejection
+    beyond = np.flatnonzero(general.selected & (general.chi2 > said.reject))
+    if not beyond.size:
+        return []
+    worst = beyond[np.argmax(general.chi2[beyond])]
+    place = f"{Path(str(material.astrometry.path[worst])).name}:{material.astrometry.line[worst]}"
+    why = "because there are few" if said.enabled else "because rejection is off"
+    return [
+        f"{beyond.size} of the selected observations have chi squared above {said.reject:g}, kept {why}; "
+        f"the worst is {place}, chi {np.sqrt(general.chi2[worst]):.1f}"
+    ]
 
 
 def arc_words(material: Material) -> str:
