@@ -183,10 +183,11 @@ def print_line(summary: Mapping[str, Any], folder: Path, console: Console | None
     out = console or Console(highlight=False, soft_wrap=True, width=None if sys.stdout.isatty() else 120)
     fit, orbit = summary["fit"], summary["orbit"]
     sigma = "" if orbit is None else f", position to {_number(orbit['sigma_position_km'])} km"
+    warned = f"; warnings: {len(summary['warnings'])}" if summary["warnings"] else ""
     out.print(
         _plain(
             f"{summary['object']:<14} {fit['status'].replace('_', ' '):<15} {fit['n_selected']} of "
-            f"{summary['n_observations']} observations over {fit['arc']}, rms {fit['rms_arcsec']:.3f} arcsec{sigma}; "
-            f"{folder}"
+            f"{summary['n_observations']} observations over {fit['arc']}, rms {fit['rms_arcsec']:.3f} arcsec{sigma}"
+            f"{warned}; {folder}"
         )
     )

@@ -101,6 +101,8 @@ def test_two_bad_records_that_few_others_cannot_outvote_are_said(tmp_path, capsy
     assert summary["fit"]["n_rejected"] == 0
     assert any(said in text for text in summary["warnings"])
     assert said in (tmp_path / "run" / "report.html").read_text("utf-8")
+    assert main(["fit", str(tmp_path / "few.obs80"), "--split", "-o", str(tmp_path / "each")]) == 0
+    assert f"warnings: {len(summary['warnings'])};" in " ".join(capsys.readouterr().out.split())
 
 
 def test_a_record_beyond_the_threshold_is_named_where_few_keep_it(fit):
