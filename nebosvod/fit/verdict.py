@@ -23,7 +23,7 @@ DISTANCE = 0.3  # sigma of the distance over the distance, beyond which the arc 
 UNBOUND = 3.0  # sigmas of e that a hyperbola must lie above 1 to be believed
 LEFT_OUT = 0.5  # of the observations: a fit that rejects more fits something else
 DOUBTED = 1e-2  # probability of so large a chi squared by chance, below which a reader is warned
-REFUSED = 1e-6  # below which the sigmas of the orbit say nothing
+REFUSED, TIMES = 1e-6, 3.0  # rarer than this, and so many times too large: the sigmas of the orbit say nothing
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -52,7 +52,7 @@ def verdict(lean: Selected, general: General, material: Material) -> Verdict:
     rejected = int((~general.selected).sum())
     few = [f"{rejected} of {len(material)} observations were rejected: this orbit is not theirs"]
     few = few if rejected > LEFT_OUT * len(material) else []
-    chance, words = _misfit(general)
+    chance, times, words = _misfit(general)
     large = [words] if chance < DOUBTED else []
     cautions = [*few, *large, *_kept(general, material)]
     if not (lean.stands and general.stands):
@@ -70,7 +70,7 @@ def verdict(lean: Selected, general: General, material: Material) -> Verdict:
     if status is Status.ITERATION_LIMIT:
         message = f"{status.sentence} Raise fit.iterations (now {_plan(general).iterations})."
         return Verdict(status=status, message=message, cautions=tuple(cautions))
-    if status is Status.CONVERGED and (few or chance < REFUSED):
+    if status is Status.CONVERGED and (few or (chance < REFUSED and times > TIMES)):
         return Verdict(status=Status.DIVERGED, message=cautions[0], cautions=tuple(cautions[1:]))
     return Verdict(status=status, message=status.sentence, cautions=tuple(cautions))
 
@@ -80,18 +80,27 @@ def _plan(general: General) -> FitPlan:
     return cast(FitMission, general.scene.mission).fit
 
 
-def _misfit(general: General) -> tuple[float, str]:
-    """Probability of so large a chi squared by chance, 1 where there is none, and the sentence that says it."""
+def _misfit(general: General) -> tuple[float, float, str]:
+    """Probability of so large a chi squared by chance, how many times it is too large, and the sentence that says it.
+
+    Probability and ratio are 1 where nothing is left over to judge by.
+    """
     estimate = general.fit.estimate
     if estimate.solution is None:
-        return 1.0, ""
+        return 1.0, 1.0, ""
     known = {name for prior in general.fit.problem.priors for name in prior.names}
     freedom = 2 * int(general.selected.sum()) - len(set(estimate.names) - known)
     if freedom <= 0:
-        return 1.0, ""
-    return float(chi_square.sf(estimate.chi2, freedom)), (
-        f"chi squared is {estimate.chi2:.4g} for {freedom} degrees of freedom, where chance leads above "
-        f"{chi_square.isf(DOUBTED, freedom):.4g} once in {1.0 / DOUBTED:.0f}: the sigmas are too small"
+        return 1.0, 1.0, ""
+    times = estimate.chi2 / freedom
+    return (
+        float(chi_square.sf(estimate.chi2, freedom)),
+        times,
+        (
+            f"chi squared is {estimate.chi2:.4g} for {freedom} degrees of freedom, where chance leads above "
+            f"{chi_square.isf(DOUBTED, freedom):.4g} once in {1.0 / DOUBTED:.0f}: the sigmas are too small, "
+            f"as if by a factor of {np.sqrt(times):.2g}"
+        ),
     )
 
 

@@ -132,6 +132,14 @@ def test_sigmas_that_are_too_small_are_said_and_far_too_small_ones_fail(fit):
     assert any("kept because rejection is off" in text for text in found.verdict.cautions)
 
 
+def test_rare_but_slight_misfit_is_a_caution_not_a_failure(fit):
+    """A reduced chi squared between 2.3 and 3 over 54 degrees of freedom is rarer than one in 10^6."""
+    found = fit("  clock: 0 s\n  rejection: {enabled: false}\n", rms=NOISE / 1.7)
+    assert 2.3 < found.general.fit.estimate.chi2 / 54 < 3.0
+    assert found.verdict.status is Status.CONVERGED
+    assert any("as if by a factor of 1." in text for text in found.verdict.cautions)
+
+
 def test_known_errors_that_are_estimated_count_as_degrees_of_freedom(fit):
     """Each has a prior, which is as good as a measurement: 60 numbers, 6 unknown."""
     bias = "  uncertainty:\n    - {stations: all, bias: {sigma: 0.1 arcsec, treatment: estimated}}\n"
