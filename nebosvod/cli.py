@@ -298,6 +298,8 @@ def schema(of_fit: bool) -> int:
 @click.argument("files", nargs=-1, metavar="FILE...")
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="Run folder [default: ./<name>-fit].")
 @click.option("--object", "designation", help="Designation of the object to fit, where files hold several.")
+@click.option("--from", "since", help="Leave out earlier observations: a date, UTC.")
+@click.option("--to", "until", help="Leave out observations at this date, UTC, and later.")
 @click.option("--split", is_flag=True, help="Fit every object of the files by itself, a folder for each.")
 @click.option(
     "--export", is_flag=True, help="Also write the orbit as orbit.oem (CCSDS, with covariance) and orbit.bsp."
@@ -308,6 +310,8 @@ def fit(
     files: tuple[str, ...],
     output: Path | None,
     designation: str | None,
+    since: str | None,
+    until: str | None,
     split: bool,
     export: bool,
     overwrite: bool,
@@ -323,7 +327,7 @@ def fit(
     """
     from nebosvod.fit.command import fit_every, fit_one, resolved
 
-    mission = resolved(files, designation)
+    mission = resolved(files, designation, since, until)
     folder = output if output is not None else Path(f"{mission.slug}-fit")
     run_all = fit_every if split else fit_one
     return EXIT_QUALITY if run_all(mission, folder, overwrite, as_json, export, _progress()) else 0

@@ -108,6 +108,33 @@ class Astrometry:
             raise InputError(f"no observation of {designation} here (there are: {', '.join(self.objects[:20])})")
         return self.select(mine)
 
+    def between(self, since: Epoch | None, until: Epoch | None) -> "Astrometry":
+        """The observations from one time on (included) to another (excluded), the others counted as left out by date.
+
+        Raises
+        ------
+        InputError
+            If none is left; says from when to when there are some.
+        """
+        early = self.t_s < (-np.inf if since is None else since - self.epoch)
+        late = self.t_s >= (np.inf if until is None else until - self.epoch)
+        keep = ~(early | late)
+        if not keep.any():
+            first, last = (str(self.utc[row]) for row in (np.argmin(self.t_s), np.argmax(self.t_s)))
+            raise InputError(
+                f"no observation of {', '.join(self.objects[:3])} lies between these dates; "
+                f"there are {len(self)}, from {first} to {last}"
+            )
+        if keep.all():
+            return self
+        sides = ((early, "before", since), (late & ~early, "at or after", until))
+        told_apart = [
+            f"{int(side.sum())} {word} {when.iso('utc', 0)}" for side, word, when in sides if when and side.any()
+        ]
+        notice = told("date", int((~keep).sum()), ", ".join(told_apart))
+        counts = {**self.left_out, "date": int((~keep).sum())}
+        return replace(self.select(keep), left_out=MappingProxyType(counts), notices=(*self.notices, notice))
+
     def by_time(self) -> "Astrometry":
         """The same observations by time, those of one time in their order."""
         return self.select(np.argsort(self.t_s, kind="stable"))
@@ -144,6 +171,7 @@ LEFT_OUT = {
     "radar": "{} radar {} left out: only directions are fitted",
     "deleted": "{} {} left out: marked deleted, replaced or deprecated",
     "offset": "{} {} left out: offsets from a planet",
+    "date": "{} {} left out by date: {}",
     "duplicate": "{} {} left out: the same as another one (second at {})",
 }
 

@@ -7,6 +7,7 @@ import click
 
 from nebosvod.dynamics import Ephemeris
 from nebosvod.errors import InputError, NebosvodError
+from nebosvod.fit.dates import chosen_dates
 from nebosvod.fit.outcome import every, fitted, mission_of, objects
 from nebosvod.fit.terminal import print_fit, print_line
 from nebosvod.mission import FitMission, load_fit
@@ -17,23 +18,30 @@ Say = Callable[[str], None]
 SETTINGS = (".yaml", ".yml")
 
 
-def resolved(files: Sequence[str], designation: str | None) -> FitMission:
-    """The fit of a settings file, or of plain files of observations.
+def resolved(
+    files: Sequence[str], designation: str | None, since: str | None = None, until: str | None = None
+) -> FitMission:
+    """The fit of a settings file, or of plain files of observations; what the command line says comes first.
+
+    Parameters
+    ----------
+    since, until : dates of the first observation used, and of the first one after those.
 
     Raises
     ------
     InputError
-        If a settings file stands beside others, or is wrong.
+        If a settings file stands beside others, or is wrong; or a date is.
     """
     settings = [file for file in files if Path(file).suffix in SETTINGS]
-    if not settings:
-        return mission_of(files, designation)
-    if len(files) > 1:
+    if settings and len(files) > 1:
         raise InputError(f"{settings[0]}: is a settings file and names its observations itself; give it alone")
-    mission = load_fit(settings[0])
-    if designation is None:
+    mission = load_fit(settings[0]) if settings else mission_of(files, designation)
+    said = dict(chosen_dates(mission, since, until))
+    if designation is not None:
+        said["designation"] = designation
+    if not said:
         return mission
-    made = mission.model_copy(update={"fit": mission.fit.model_copy(update={"designation": designation})})
+    made = mission.model_copy(update={"fit": mission.fit.model_copy(update=said)})
     made._path, made._text = mission._path, mission._text
     return made
 

@@ -15,6 +15,7 @@ from nebosvod.estimation import Status
 from nebosvod.estimation.rejection import Thresholds
 from nebosvod.estimation.square_root import covariance_factor
 from nebosvod.fit.correction import Knowledge
+from nebosvod.fit.dates import dated
 from nebosvod.fit.general import General, estimate, widened
 from nebosvod.fit.growth import grow
 from nebosvod.fit.material import Material, prepare
@@ -79,7 +80,7 @@ def fit_object(
     InputError, CoverageError, DataError, EventError
         As the stages raise them; a lack of convergence or observability is a status of the answer.
     """
-    designation = records.objects[0]
+    designation, records = records.objects[0], dated(records, mission)
     say(f"{designation}: placing {len(records)} observations of {len(records.stations)} stations")
     material = prepare(records, mission, ephemeris)
     thresholds = thresholds_of(mission)

@@ -14,6 +14,10 @@ def _lines(mission: FitMission) -> Iterator[str]:
     plan, given = mission.fit, mission.object.given_orbit
     yield f"{mission.name}: {mission.title or 'orbit fit'}"
     yield f"observations     {', '.join(plan.observations)}" + (f"; {plan.designation}" if plan.designation else "")
+    if plan.since is not None or plan.until is not None:
+        since = f"from {plan.since.iso('utc', 0)} on" if plan.since is not None else ""
+        until = f"before {plan.until.iso('utc', 0)}" if plan.until is not None else ""
+        yield f"dates            {' and '.join(filter(None, (since, until)))}"
     yield f"start            {f'{given.representation} at {given.epoch}' if given else 'found from the observations'}"
     yield f"weights          {plan.weights or 'stated, else by station, catalogue and date'}"
     yield f"star catalogues  {plan.debias or 'not corrected'}"

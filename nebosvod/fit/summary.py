@@ -47,7 +47,7 @@ def summarise(found: Answer) -> dict[str, Any]:
 
 def fit_block(found: Answer) -> dict[str, Any]:
     """How the fit ended and how well the observations agree with it."""
-    fit = found.fit
+    fit, plan = found.fit, found.fit.mission.fit
     material, general, records = fit.material, fit.general, fit.material.astrometry
     estimate = general.fit.estimate
     solved = estimate.solution is not None
@@ -67,6 +67,8 @@ def fit_block(found: Answer) -> dict[str, Any]:
         "n_selected": int(selected.sum()),
         "n_rejected": int((~selected).sum()),
         "left_out": dict(records.left_out),
+        "from_utc": None if plan.since is None else plan.since.iso("utc", 0),
+        "to_utc": None if plan.until is None else plan.until.iso("utc", 0),
         "rejection_rounds": fit.lean.rounds,
         "rms_ra_arcsec": ra,
         "rms_dec_arcsec": dec,

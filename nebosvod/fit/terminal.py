@@ -13,6 +13,7 @@ STATIONS_SHOWN = 8
 REJECTED_SHOWN = 8
 BUDGET_SHOWN = 6
 PARAMETERS_SHOWN = 8
+LEFT_OUT = {"date": "by date"}
 ELEMENTS = (
     ("e", "e", ""),
     ("a_au", "a", "au"),
@@ -52,11 +53,11 @@ def _plain(text: str) -> str:
 
 def _headline(summary: Mapping[str, Any]) -> Iterator[str]:
     fit = summary["fit"]
-    left = ", ".join(f"{count} {reason}" for reason, count in fit["left_out"].items())
+    left = ", ".join(f"{count} {LEFT_OUT.get(reason, reason)}" for reason, count in fit["left_out"].items())
     yield (
         f"{summary['n_observations']} observations by {len(fit['stations'])} stations, "
         f"{fit['first_observation_utc'][:10]} to {fit['last_observation_utc'][:10]} ({fit['arc']})"
-        + (f"; not read: {left}" if left else "")
+        + (f"; left out: {left}" if left else "")
     )
     yield f"{fit['status'].replace('_', ' ')}: {fit['message']}"
     reduced = fit["reduced_chi2"]

@@ -9,7 +9,7 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, core_schema
 
 from nebosvod.errors import InputError
-from nebosvod.timescale import HINT, Epoch
+from nebosvod.timescale import HINT, SCALES, Epoch
 from nebosvod.units import (
     ACCELERATION,
     ANGLE,
@@ -143,6 +143,40 @@ When = Annotated[
             "pattern": r"^.+ (TDB|TT|UTC|tdb|tt|utc)$",
             "description": "An epoch with its time scale: a calendar date or a Julian date",
             "examples": ["2028-11-15T00:00:00 TDB", "2028-11-15 UTC", "2459215.5 JD TDB"],
+        },
+    ),
+]
+
+
+_DATE = re.compile(r"\d{4}-\d{2}-\d{2}([T ]\d{2}:\d{2}(:\d{2}(\.\d+)?)?)?")
+
+
+def observation_time(value: Any) -> Epoch:
+    """An epoch; without a time scale a date of observations, which are in UTC.
+
+    Raises
+    ------
+    InputError
+        If it is neither; says what is allowed.
+    """
+    text = value.strip().removesuffix("Z") if isinstance(value, str) else ""
+    if _DATE.fullmatch(text):
+        return Epoch.parse(f"{text} UTC")
+    if text.rpartition(" ")[2].lower() in SCALES:
+        return _epoch(value)
+    got = str(value)[:60]
+    raise InputError(f'needs a date (got "{got}"; allowed such as 2024-07-01 or 2024-07-01T12:00:00, in UTC)')
+
+
+ObservationTime = Annotated[
+    Epoch,
+    Parsed(
+        observation_time,
+        {
+            "type": "string",
+            "pattern": r"^\d.*$",
+            "description": "A date, UTC unless another scale is said; a date alone is its 0h",
+            "examples": ["2024-07-01", "2024-07-01T12:00:00", "2460492.5 JD TDB"],
         },
     ),
 ]

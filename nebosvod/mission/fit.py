@@ -9,7 +9,7 @@ from pydantic import Field, PrivateAttr
 
 from nebosvod.errors import InputError
 from nebosvod.mission.covariance import Array, Matrix
-from nebosvod.mission.fields import Block, Duration, KeyPath, PositiveNumber, Several, Text, When
+from nebosvod.mission.fields import Block, Duration, KeyPath, ObservationTime, PositiveNumber, Several, Text, When
 from nebosvod.mission.model import DEFAULT_ESTIMATOR, CovariancePrior, Mission
 from nebosvod.mission.orbit import Frame, SbdbOrbit, StateOrbit
 from nebosvod.mission.request import Arc, Estimator, TelescopeNames, internal_covariance, scales
@@ -147,6 +147,8 @@ class FitPlan(Block):
 
     observations: Annotated[Several[Text], Field(min_length=1, max_length=MAX_FILES, description="Files beside it")]
     designation: Text | None = Field(None, description="Of the object, where the files hold several")
+    since: ObservationTime | None = Field(None, alias="from", description="Earlier observations are left out")
+    until: ObservationTime | None = Field(None, alias="to", description="Those at this time and later are left out")
     weights: Text | None = Field(None, description="A table of weight rules that come before the built-in ones")
     debias: Text | None = Field(None, description="The table of star-catalogue biases (Eggl et al. 2020)")
     rejection: Rejection = Rejection()
@@ -160,6 +162,18 @@ class FitPlan(Block):
     )
     noise_scale: PositiveNumber = Field(1.0, description="Factor on every sigma of the observations")
     reference: Reference | None = None
+
+    def complaints(self) -> list[Complaint]:
+        """The dates leave room between them."""
+        text = empty_interval(self.since, self.until)
+        return [(("to",), text)] if text else []
+
+
+def empty_interval(since: Epoch | None, until: Epoch | None) -> str:
+    """What is wrong with the dates of observations to use; empty where nothing is."""
+    if since is None or until is None or since < until:
+        return ""
+    return f"must come after from (got to {until.iso('utc', 0)}; from {since.iso('utc', 0)}); exchange or remove them"
 
 
 class FitMission(Mission):

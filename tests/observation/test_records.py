@@ -7,6 +7,7 @@ from nebosvod.errors import InputError
 from nebosvod.observation.astrometry_files import parse_astrometry
 from nebosvod.observation.records import Astrometry, joined
 from nebosvod.observation.source_file import SourceFile
+from nebosvod.timescale import Epoch
 
 ROWS = {
     "a": "3666|G96|2010-01-07T20:00:00Z|19.0|5.0",
@@ -53,3 +54,21 @@ def test_an_observation_in_two_files_is_kept_once() -> None:
 def test_nothing_cannot_be_joined() -> None:
     with pytest.raises(InputError, match="no observations to join"):
         joined([])
+
+
+def test_observations_between_two_dates_stay_and_the_others_are_counted_with_their_side() -> None:
+    def at(day: str) -> Epoch:
+        return Epoch.parse(f"2010-01-{day} UTC")
+
+    one = table("abc")
+    # the first date belongs to the interval, the second does not
+    left = one.between(at("05T20:00:00"), at("07T20:00:00"))
+    assert left.line.tolist() == [4, 5]
+    assert dict(left.left_out) == {"date": 1}
+    assert left.notices == ("1 record was left out by date: 1 at or after 2010-01-07T20:00:00 UTC",)
+    both = one.between(at("05T20:00:01"), at("07"))
+    assert (both.line.tolist(), dict(both.left_out)) == ([5], {"date": 2})
+    assert "1 before 2010-01-05T20:00:01 UTC, 1 at or after 2010-01-07T00:00:00 UTC" in both.notices[0]
+    assert one.between(None, None) is one.between(at("01"), at("09"))
+    with pytest.raises(InputError, match="there are 3, from 2010-01-05T20:00:00Z to 2010-01-07T20:00:00Z"):
+        one.between(at("08"), None)
