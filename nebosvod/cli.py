@@ -297,7 +297,7 @@ def schema(of_fit: bool) -> int:
 @app.command(short_help="Fit an orbit to real observations.")
 @click.argument("files", nargs=-1, metavar="FILE...")
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="Run folder [default: ./<name>-fit].")
-@click.option("--object", "designation", help="Designation of the object to fit, where files hold several.")
+@click.option("--object", "designation", help="Any designation of the object to fit, where files hold several.")
 @click.option("--from", "since", help="Leave out earlier observations: a date, UTC.")
 @click.option("--to", "until", help="Leave out observations at this date, UTC, and later.")
 @click.option("--split", is_flag=True, help="Fit every object of the files by itself, a folder for each.")

@@ -17,7 +17,15 @@ from nebosvod.observation.ades_psv import csv_cells, psv_cells
 from nebosvod.observation.ades_write import Residuals, write_psv, write_xml
 from nebosvod.observation.ades_xml import xml_cells
 from nebosvod.observation.contracts import Array
-from nebosvod.observation.designations import OWN_NAME, Designation, canonical_number, kind, unpacked
+from nebosvod.observation.designations import (
+    OWN_NAME,
+    Designation,
+    canonical_number,
+    kind,
+    numbers_of,
+    other_names,
+    unpacked,
+)
 from nebosvod.observation.records import Astrometry, Texts, told, without_repeats
 from nebosvod.observation.source_file import read_source
 from nebosvod.observation.universal_time import FIRST_YEAR, LAST_YEAR, month_days, tdb_times
@@ -55,7 +63,7 @@ def to_astrometry(cells: Cells) -> Astrometry:
         With file, line and name of each cell that cannot be used; up to twenty at once.
     """
     cells, left_out = _observed(cells)
-    designation, notices = _designations(cells)
+    designation, called, notices = _designations(cells)
     station = _stations(cells)
     epoch, t_s = _times(cells)
     psi = _directions(cells)
@@ -92,6 +100,7 @@ def to_astrometry(cells: Cells) -> Astrometry:
         discovery=np.array(cells.text("disc")) == "*",
         left_out=MappingProxyType(left_out),
         notices=(*cells.notices, *notices, *ground, *(told(reason, number) for reason, number in left_out.items())),
+        other_names=MappingProxyType(called),
     )
     return without_repeats(table)
 
@@ -116,8 +125,8 @@ def _observed(cells: Cells) -> tuple[Cells, dict[str, int]]:
     return cells.keep(rows), {reason: number for reason, number in left_out.items() if number}
 
 
-def _designations(cells: Cells) -> tuple[Texts, tuple[str, ...]]:
-    """The name of each record's object: its number, else its provisional designation, else the observer's own."""
+def _designations(cells: Cells) -> tuple[Texts, dict[str, tuple[str, ...]], tuple[str, ...]]:
+    """The name of each record's object (number, else provisional, else the observer's own), other names, notices."""
     notices: tuple[str, ...] = ()
     found: dict[tuple[str, str, str], Designation | None] = {}
     named = []
@@ -130,13 +139,13 @@ def _designations(cells: Cells) -> tuple[Texts, tuple[str, ...]]:
             name = next(name for name, text in zip(("permID", "provID", "trkSub"), (*key[:2], "-")) if text)
             cells.wrong(row, name, 'is no designation; allowed such as permID "3666", provID "1979 HP", trkSub "B853"')
         named.append(one or Designation())
-    numbers = {one.provisional: one.number for one in named if one.number and one.provisional}
+    numbers = numbers_of(named)
     names = [one.number or numbers.get(one.provisional, "") or one.name for one in named]
     if any(one and ((key[0] and not one.number) or kind(key[1]) == "number") for key, one in found.items()):
         notices = (
             f"{cells.source.name}: permID and provID are exchanged in some records; each was read as what it is",
         )
-    return np.array(names), notices
+    return np.array(names), other_names(one for one in found.values() if one), notices
 
 
 def _designation(permanent: str, provisional: str, own: str) -> Designation | None:

@@ -13,7 +13,7 @@ import numpy as np
 
 from nebosvod.observation import mpc80_codes, obscodes
 from nebosvod.observation.contracts import Array
-from nebosvod.observation.designations import Designation, from_columns
+from nebosvod.observation.designations import Designation, from_columns, numbers_of, other_names
 from nebosvod.observation.mpc80_columns import BLANK, MINUS, PLUS, decimals, distinct, integer, sexagesimal
 from nebosvod.observation.mpc80_lines import RecordLines, record_lines
 from nebosvod.observation.mpc80_places import positions
@@ -48,6 +48,7 @@ def parse(source: SourceFile) -> Astrometry:
     head = records.head
     station = _stations(records)
     designations, which_designation = _designations(records)
+    called = other_names(designations)
     psi, precision = _directions(records)
     times = _times(records)
     centre, position, roving = positions(records, station)
@@ -83,6 +84,7 @@ def parse(source: SourceFile) -> Astrometry:
         discovery=head[:, 12] == ord("*"),
         left_out=MappingProxyType(left_out),
         notices=tuple(told(reason, number) for reason, number in left_out.items()),
+        other_names=MappingProxyType(called),
     )
     return without_repeats(table)
 
@@ -111,7 +113,7 @@ def _designations(records: RecordLines) -> tuple[list[Designation], Rows]:
                 ),
             )
         found.append(designation or Designation())
-    numbers = {one.provisional: one.number for one in found if one.number and one.provisional}
+    numbers = numbers_of(found)
     return [
         Designation(number=one.number or numbers.get(one.provisional, ""), provisional=one.provisional, own=one.own)
         for one in found

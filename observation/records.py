@@ -12,11 +12,13 @@ import numpy.typing as npt
 
 from nebosvod.errors import InputError
 from nebosvod.observation.contracts import Array
+from nebosvod.observation.designations import merged, numbered, readings
 from nebosvod.timescale import Epoch
 
 Texts = npt.NDArray[np.str_]
 Rows = npt.NDArray[np.int64]
 Flags = npt.NDArray[np.bool_]
+LISTED = 20  # objects named in a message
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -47,6 +49,7 @@ class Astrometry:
     discovery : (n,) whether the record carries the discovery mark.
     left_out : how many records of the files were not read, by reason ("radar", "deleted", ...).
     notices : what a user should know about the files, one sentence each.
+    other_names : what else the files call these objects, each with the designations it stands for.
     """
 
     epoch: Epoch
@@ -72,6 +75,7 @@ class Astrometry:
     precision_rad: Array = field(default_factory=lambda: np.empty((0, 2)))
     left_out: Mapping[str, int] = field(default_factory=lambda: MappingProxyType({}))
     notices: tuple[str, ...] = ()
+    other_names: Mapping[str, tuple[str, ...]] = field(default_factory=lambda: MappingProxyType({}))
 
     def __post_init__(self) -> None:
         if len(self.precision_rad) != len(self.t_s):
@@ -96,17 +100,29 @@ class Astrometry:
         return replace(self, **{name: getattr(self, name)[rows] for name in ROW_FIELDS})
 
     def of(self, designation: str) -> "Astrometry":
-        """The observations of one object.
+        """The observations of one object, by any of its designations in these files, packed or not.
 
         Raises
         ------
         InputError
-            If there are none.
+            If there are none, or the name has been given to several objects.
         """
-        mine = self.designation == designation
-        if not mine.any():
-            raise InputError(f"no observation of {designation} here (there are: {', '.join(self.objects[:20])})")
-        return self.select(mine)
+        there = dict.fromkeys(self.objects)
+        for text in readings(designation):
+            names = (text,) if text in there else tuple(n for n in self.other_names.get(text, ()) if n in there)
+            if len(names) > 1:
+                raise InputError(f"{designation} is the name of several objects here ({', '.join(names)}); name one")
+            if names:
+                return self.select(self.designation == names[0])
+        listed = ", ".join(self._named(name) for name in list(there)[:LISTED]) + (
+            ", ..." if len(there) > LISTED else ""
+        )
+        raise InputError(f"no observation of {designation} here (there are: {listed})")
+
+    def _named(self, name: str) -> str:
+        """A designation with up to two other names of the object."""
+        others = [other for other, names in self.other_names.items() if name in names][:2]
+        return f"{name} = {' = '.join(others)}" if others else name
 
     def between(self, since: Epoch | None, until: Epoch | None) -> "Astrometry":
         """The observations from one time on (included) to another (excluded), the others counted as left out by date.
@@ -140,13 +156,15 @@ class Astrometry:
         return self.select(np.argsort(self.t_s, kind="stable"))
 
 
-ROW_FIELDS = tuple(f.name for f in fields(Astrometry) if f.name not in ("epoch", "left_out", "notices"))
+WHOLE_FIELDS = ("epoch", "left_out", "notices", "other_names")
+ROW_FIELDS = tuple(f.name for f in fields(Astrometry) if f.name not in WHOLE_FIELDS)
 
 
 def joined(parts: Sequence[Astrometry]) -> Astrometry:
     """The observations of several tables as one, one after the other, times counted from the earliest epoch.
 
-    An observation that stands in several of them is kept once.
+    An observation that stands in several of them is kept once. A provisional designation whose number is known from
+    any of them becomes the number.
 
     Raises
     ------
@@ -163,7 +181,18 @@ def joined(parts: Sequence[Astrometry]) -> Astrometry:
         for reason, number in part.left_out.items():
             counts[reason] = counts.get(reason, 0) + number
     notices = tuple(dict.fromkeys(notice for part in parts for notice in part.notices))
-    return without_repeats(Astrometry(epoch=epoch, left_out=MappingProxyType(counts), notices=notices, **rows))
+    called = merged(part.other_names for part in parts)
+    names, which = np.unique(rows["designation"], return_inverse=True)
+    rows["designation"] = np.array([numbered(name, called) for name in names.tolist()])[which]
+    return without_repeats(
+        Astrometry(
+            epoch=epoch,
+            left_out=MappingProxyType(counts),
+            notices=notices,
+            other_names=MappingProxyType(called),
+            **rows,
+        )
+    )
 
 
 # what is said of the records that were not used, by reason

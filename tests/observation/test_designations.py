@@ -2,7 +2,7 @@
 
 import pytest
 
-from nebosvod.observation.designations import Designation, from_columns, kind
+from nebosvod.observation.designations import Designation, from_columns, kind, merged, other_names, readings
 
 # examples of https://www.minorplanetcenter.net/iau/info/PackedDes.html
 PACKED = {
@@ -53,3 +53,38 @@ def test_kinds_of_unpacked_designations_are_told_apart() -> None:
     assert [kind(text) for text in numbers] == ["number"] * 5
     assert [kind(text) for text in provisional] == ["provisional"] * 5
     assert [kind(text) for text in ("", "0", "Apophis", "1979HP", "٣٦٦")] == [""] * 5
+
+
+MEANT = {
+    "03666": "3666",
+    "(3666)": "3666",
+    "j4767": "454767",
+    "K10F61M": "2010 FM61",
+    "j4767K10F61M": "454767",
+    "2023DW": "2023 DW",
+    "2024 yr4": "2024 YR4",
+    "CK19Y040": "C/2019 Y4",
+}
+
+
+@pytest.mark.parametrize("text", MEANT)
+def test_a_designation_may_be_written_packed_or_without_its_blank(text: str) -> None:
+    assert MEANT[text] in readings(text)
+
+
+def test_the_text_as_written_is_meant_first() -> None:
+    # "A1234" may be the number 101234 and is more likely an observer's own name where there is one
+    assert list(readings("A1234")) == ["A1234", "101234"]
+
+
+def test_other_names_lead_to_the_most_lasting_one() -> None:
+    found = [
+        Designation(provisional="1979 HP", own="trk1"),
+        Designation(number="3666", provisional="1979 HP"),
+        Designation(provisional="2023 DW", own="trk1"),
+        Designation(own="lone"),
+    ]
+    assert other_names(found) == {"1979 HP": ("3666",), "trk1": ("3666", "2023 DW")}
+    # one table knows the number, another one the observer's name
+    parts = [other_names(found[:1]), other_names(found[1:2])]
+    assert merged(parts) == {"trk1": ("3666",), "1979 HP": ("3666",)}

@@ -72,3 +72,45 @@ def test_observations_between_two_dates_stay_and_the_others_are_counted_with_the
     assert one.between(None, None) is one.between(at("01"), at("09"))
     with pytest.raises(InputError, match="there are 3, from 2010-01-05T20:00:00Z to 2010-01-07T20:00:00Z"):
         one.between(at("08"), None)
+
+
+NAMED = """# version=2022
+permID|provID|trkSub|stn|obsTime|ra|dec
+3666|1979 HP|trk1|G96|2010-01-07T20:00:00Z|19.0|5.0
+|2023 DW|trk2|703|2010-01-05T20:00:00Z|20.0|6.0
+|2023 DW|both|703|2010-01-06T20:00:00Z|20.0|6.0
+||lone|703|2010-01-06T20:00:00Z|21.0|7.0
+3666||both|G96|2010-01-08T20:00:00Z|19.0|5.0
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "lines"),
+    [
+        *[(name, [3, 7]) for name in ("3666", "03666", "1979 HP", "J79H00P", "1979hp", "trk1")],
+        *[(name, [4, 5]) for name in ("2023 DW", "K23D00W", "trk2")],
+        ("lone", [6]),
+    ],
+)
+def test_an_object_is_found_by_any_of_its_designations(name: str, lines: list[int]) -> None:
+    one = parse_astrometry(SourceFile("f", NAMED.encode()))
+    assert one.of(name).line.tolist() == lines
+
+
+def test_a_name_of_nothing_and_one_of_two_objects_are_told() -> None:
+    one = parse_astrometry(SourceFile("f", NAMED.encode()))
+    with pytest.raises(
+        InputError, match=r"both is the name of several objects here \(2023 DW, 3666\)"
+    ):
+        one.of("both")
+    with pytest.raises(InputError, match=r"there are: 3666 = 1979 HP = trk1, 2023 DW = trk2 = both, lone\)"):
+        one.of("433")
+
+
+def test_a_number_known_from_one_file_holds_for_the_others() -> None:
+    provisional = "     J79H00P  C2010 01 05.20072 21 31 27.04 -00 10 33.9          19.2 Vrp0839703\n"
+    both = joined(
+        [parse_astrometry(SourceFile(name, text.encode())) for name, text in (("g", provisional), ("f", NAMED))]
+    )
+    assert both.objects == ("3666", "2023 DW", "lone")
+    assert both.of("1979 HP").path.tolist() == ["g", "f", "f"]

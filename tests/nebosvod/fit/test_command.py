@@ -278,3 +278,12 @@ def test_a_file_for_fits_is_checked_and_not_simulated(tmp_path, capsys):
     assert all(word in said for word in ("2023DW.obs80", "timing of every station", "considered", "nothing was fitted"))
     assert main(["run", str(path)]) == 2
     assert f"nebosvod fit {path}" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["2023 DW", "K23D00W", "2023dw"])
+def test_the_object_to_fit_may_be_named_in_any_form(tmp_path, name):
+    both = tmp_path / "both.obs80"
+    both.write_text("".join((DATA / name).read_text("ascii") for name in ("2023DW.obs80", "2005TM173.obs80")), "ascii")
+    assert main(["fit", str(both), "--object", name, "--to", "2023-03-04", "-o", str(tmp_path / "run")]) == 0
+    summary = json.loads((tmp_path / "run" / "summary.json").read_text("utf-8"))
+    assert summary["object"] == "2023 DW"
