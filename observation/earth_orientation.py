@@ -20,6 +20,7 @@ import numpy.typing as npt
 from nebosvod.errors import DataError
 from nebosvod.observation.contracts import Array
 from nebosvod.observation.universal_time import ut1_jd
+from nebosvod.timescale import Epoch
 
 ARCSEC_RAD = np.pi / 648000.0
 UTC_FIRST_MJD = 36934  # 1960-01-01, from when on UTC is tied to TAI
@@ -90,6 +91,14 @@ def orientation(jd1_tt: Array, jd2_tt: Array) -> Orientation:
         before=where < C04_FIRST_MJD,
         after=after,
         beyond_days=float(np.max(where[after] - tai[-1])) if after.any() else 0.0,
+    )
+
+
+def table_span() -> tuple[Epoch, Epoch]:
+    """From when, and until when, UT1 and pole are tabulated."""
+    last_tai = float(_table()[0][-1])
+    return Epoch.from_jd(2400000.5, C04_FIRST_MJD, "utc"), Epoch.from_jd(
+        2400000.5, last_tai + TT_MINUS_TAI_S / 86400.0, "tt"
     )
 
 

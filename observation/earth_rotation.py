@@ -1,11 +1,11 @@
 """Orientation of the Earth in ICRF: precession-nutation by erfa, rotation by the Earth rotation angle.
 
-UT1 is taken equal to UTC (|UT1 - UTC| < 0.9 s by definition, so up to 0.42 km at the equator and 2.8 km on the
-geostationary ring; 2020-2025 it stayed within 0.25 s, 0.12 and 0.8 km) and polar motion as zero (0.5" at most: 15 m
-and 0.1 km), unless a caller gives them: no Earth-orientation data is fetched from anywhere.
+What is costly in it changes slowly, and is evaluated at nodes or cells of time that many epochs share. UT1 and the
+pole as observed are in `earth_orientation`.
 """
 
 import math
+from collections.abc import Callable
 from functools import lru_cache
 
 import erfa
@@ -20,7 +20,9 @@ from nebosvod.timescale import Epoch, utc_jd
 # six-point interpolation at 0.5 d leaves under 1e-6" (0.2 mm on the geostationary ring).
 STEP_DAYS = 0.5
 BLOCK = 16  # nodes computed, and kept, together
-AGAIN = 4  # nodes worth computing per time asked for: an orbit is improved by asking for the same times again
+AGAIN = 4  # nodes worth computing per cell asked for: an orbit is improved by asking for the same times again
+# Cells in which nutation 2000A less 2000B is taken as constant, to 0.03 mas: 1 mm on the ground, 6 mm on that ring
+CELL_DAYS = 0.25
 # Six-point Lagrange denominators prod_{k != j} (j - k) for nodes a unit apart.
 DENOMINATORS = (-120.0, 24.0, -12.0, 12.0, -24.0, 120.0)
 
@@ -28,18 +30,24 @@ DENOMINATORS = (-120.0, 24.0, -12.0, 12.0, -24.0, 120.0)
 def R_icrf_from_cirs(epoch: Epoch, t_s: Array) -> Array:
     """Rotation (n, 3, 3) from the celestial intermediate system to ICRF at `t_s` TDB seconds after `epoch`.
 
-    IAU 2006 precession with 2000A nutation (erfa.xys06a), evaluated at nodes half a day apart and interpolated, since
-    one evaluation costs 60 us. TDB stands for TT (2 ms: nothing here).
+    IAU 2006 precession with 2000A nutation (erfa.xys06a). One evaluation costs 60 us: times that lie close are
+    interpolated between nodes half a day apart; nights strewn over decades are evaluated once a quarter of a day, and
+    follow the short series 2000B (3 us) in it. TDB stands for TT (2 ms: nothing here).
     """
     days = epoch.fraction + t_s / 86400.0
     first, last = np.floor(days.min() / STEP_DAYS), np.floor(days.max() / STEP_DAYS)
+    cells, cell = np.unique(np.floor(days / CELL_DAYS), return_inverse=True)
     xys = np.empty((3, days.size))
-    if last - first + 6 < AGAIN * days.size:
+    if last - first + 6 < AGAIN * cells.size:
         low, high = int(first - 2) // BLOCK, int(last + 3) // BLOCK
         table = np.concatenate([_nodes(epoch.day, block) for block in range(low, high + 1)], axis=1)
         _interpolate(table, days / STEP_DAYS - low * BLOCK, xys)
-    else:
+    elif 2 * cells.size > days.size:
         xys[...] = erfa.xys06a(epoch.day, days)
+    else:
+        middle = (cells + 0.5) * CELL_DAYS
+        slow = np.stack(erfa.xys06a(epoch.day, middle)) - np.stack(erfa.xys00b(epoch.day, middle))
+        xys[...] = np.stack(erfa.xys00b(epoch.day, days)) + slow[:, cell]
     R = np.empty((days.size, 3, 3))
     _orient(xys, R)
     return R
@@ -104,48 +112,69 @@ def _turn(R: Array, states: Array, out: Array) -> None:
                 )
 
 
-def earth_rotation_angle(epoch: Epoch, t_s: Array, ut1_minus_utc_s: Array | float = 0.0) -> Array:
-    """Earth rotation angle (n,), rad, at `t_s` TDB seconds after `epoch`.
+def earth_rotation_angle(epoch: Epoch, t_s: Array) -> Array:
+    """Earth rotation angle (n,), rad, at `t_s` TDB seconds after `epoch`, with UTC for UT1 and without any table.
 
-    UTC - TDB costs 5 us a call (the 787 terms of dtdb), so it is taken at both ends of half-day cells and interpolated,
-    to 1e-9 s; cells in which it steps (a leap second) are evaluated time by time.
+    |UT1 - UTC| < 0.9 s by definition, so up to 0.42 km at the equator and 2.8 km on the geostationary ring; from 2020
+    to 2025 it stayed within 0.25 s, 0.12 and 0.8 km.
     """
+
+    def utc_minus_tdb(days: Array) -> Array:
+        day, fraction = utc_jd(epoch, (days - epoch.fraction) * 86400.0)
+        return np.asarray(((day - epoch.day) + fraction) - days)
+
     days = epoch.fraction + t_s / 86400.0
-    cell = np.floor(days / STEP_DAYS)
-    first, last = cell.min(), cell.max()
-    if 2.0 * (last - first + 1.0) >= t_s.size:
-        day, fraction = utc_jd(epoch, t_s)
-    else:
-        edges = np.arange(first, last + 2.0) * STEP_DAYS
-        edge_day, edge_fraction = utc_jd(epoch, (edges - epoch.fraction) * 86400.0)
-        utc_minus_tdb = ((edge_day - epoch.day) + edge_fraction) - edges
-        start, change = utc_minus_tdb[:-1], np.diff(utc_minus_tdb)
-        which = (cell - first).astype(np.int64)
-        day, fraction = np.full(t_s.size, epoch.day), days + start[which] + (days / STEP_DAYS - cell) * change[which]
-        leap = (np.abs(change) * 86400.0 > 1e-4)[which]  # TDB - TT changes by 1.4e-5 s in a cell
-        if np.any(leap):
-            day[leap], fraction[leap] = utc_jd(epoch, t_s[leap])
-    angle: Array = erfa.era00(day, fraction + np.asarray(ut1_minus_utc_s) / 86400.0)
+    angle: Array = erfa.era00(epoch.day, days + _by_cells(utc_minus_tdb, days))
     return angle
 
 
-def rotating_to_icrf(position_km: Array, epoch: Epoch, t_s: Array, ut1_minus_utc_s: Array | float = 0.0) -> Array:
+def tt_days(epoch: Epoch, t_s: Array) -> Array:
+    """TT in days (n,) after the 0h TT of the day of `epoch`, at `t_s` TDB seconds after `epoch`."""
+
+    def tt_minus_tdb(days: Array) -> Array:
+        return np.asarray(-erfa.dtdb(epoch.day, days, 0.0, 0.0, 0.0, 0.0) / 86400.0)
+
+    days = epoch.fraction + t_s / 86400.0
+    return days + _by_cells(tt_minus_tdb, days)
+
+
+def _by_cells(offset: Callable[[Array], Array], days: Array) -> Array:
+    """A clock's offset from TDB (n,), days, at TDB `days` (n,) after some 0h.
+
+    It costs 5 us a time (the 787 terms of dtdb), so it is taken at both ends of half-day cells and interpolated, to
+    1e-9 s; cells in which it steps (a leap second) are evaluated time by time.
+    """
+    cell = np.floor(days / STEP_DAYS)
+    first, last = cell.min(), cell.max()
+    if 2.0 * (last - first + 1.0) >= days.size:
+        return offset(days)
+    at_edges = offset(np.arange(first, last + 2.0) * STEP_DAYS)
+    change = np.diff(at_edges)
+    which = (cell - first).astype(np.int64)
+    value: Array = at_edges[which] + (days / STEP_DAYS - cell) * change[which]
+    leap = (np.abs(change) * 86400.0 > 1e-4)[which]  # TDB - TT changes by 1.4e-5 s in a cell
+    if np.any(leap):
+        value[leap] = offset(days[leap])
+    return value
+
+
+def rotating_to_icrf(position_km: Array, angle_rad: Array, epoch: Epoch, t_s: Array) -> Array:
     """Geocentric ICRF states (n, 6) of points fixed to the rotating Earth.
 
     Parameters
     ----------
     position_km : shape (n, 3) or (3,), in the terrestrial intermediate system (ITRF without polar motion).
+    angle_rad : shape (n,), Earth rotation angle.
     t_s : shape (n,), TDB seconds after `epoch`.
 
     Notes
     -----
     The velocity is omega x r; precession and nutation would add under 1e-6 of it (0.4 mm/s on the geostationary
-    ring). Left out: the TIO locator s' (47 uas a century: 2 mm on that ring) and the scale of TDB-compatible
-    geocentric coordinates (1.5e-8: 0.7 m there), as everywhere in nebosvod.
+    ring). Left out as everywhere in nebosvod: the scale of TDB-compatible geocentric coordinates (1.5e-8: 10 cm on the
+    ground, 0.7 m on that ring).
     """
-    angle = earth_rotation_angle(epoch, t_s, ut1_minus_utc_s)
     x, y, z = np.moveaxis(np.broadcast_to(position_km, (t_s.size, 3)), -1, 0)
-    cos, sin = np.cos(angle), np.sin(angle)
+    cos, sin = np.cos(angle_rad), np.sin(angle_rad)
     states = np.zeros((t_s.size, 6))
     states[:, 0], states[:, 1], states[:, 2] = cos * x - sin * y, sin * x + cos * y, z
     states[:, 3], states[:, 4] = -EARTH_ROTATION_RAD_S * states[:, 1], EARTH_ROTATION_RAD_S * states[:, 0]

@@ -1,8 +1,8 @@
 """Where the observer of each record was, for records of many stations at once.
 
 A trajectory file given for the station comes first, then the position the record states (spacecraft, roving observers),
-then the MPC's parallax constants of the station. Ground sites all go through one pass over the Earth's rotation: IAU
-2006/2000A precession-nutation (erfa), UT1 and polar motion of `earth_orientation`.
+then the MPC's parallax constants of the station. Ground sites all go through one pass over the Earth's rotation
+(`sites`).
 
 A record that states a position states no velocity. It is taken from the nearest other record of the station, if that
 lies within a twelfth of an orbit: two positions and the fall between them give the velocity to 0.5 %. Elsewhere the
@@ -14,23 +14,17 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
-import erfa
 import numpy as np
 
 from nebosvod.errors import InputError
 from nebosvod.observation import obscodes
-from nebosvod.observation.constants import EARTH_ROTATION_RAD_S
 from nebosvod.observation.contracts import Array, Ephemeris
-from nebosvod.observation.earth_orientation import Orientation, orientation
 from nebosvod.observation.recorded_places import RecordedPlaces
 from nebosvod.observation.records import Astrometry, Flags, Rows, Texts
-from nebosvod.observation.sites import MPC_EARTH_RADIUS_KM, GroundSite
+from nebosvod.observation.sites import MPC_EARTH_RADIUS_KM, GroundSite, ground_states
 from nebosvod.observation.spacecraft import Spacecraft
 from nebosvod.timescale import Epoch
 
-# Cells in which a costly series minus a cheap one is constant: of nutation 2000A minus 2000B to 0.03 mas (1 mm), of
-# TDB - TT minus its leading terms to 1e-8 s
-CELL_DAYS = 0.25
 LARGEST_PHASE = 0.5  # of an orbit, rad, over which two positions give the velocity
 LARGEST_GAP_S = 86400.0
 SAME_TIME_S = 1e-5
@@ -106,47 +100,6 @@ def telescopes(
         spacecraft=_spacecraft(astrometry, name, states, np.where(stated[:, None], np.nan, itrf), files),
         notices=notices,
     )
-
-
-def ground_states(itrf_km: Array, epoch: Epoch, t_s: Array) -> tuple[Array, Orientation]:
-    """Geocentric ICRF states (n, 6) of places (n, 3) on the Earth, and the orientation they were turned by.
-
-    Notes
-    -----
-    IERS Conventions 2010, eq. 5.1 without the celestial pole offsets (0.3 mas: 1 cm) and the daily tides of pole and
-    UT1 (0.5 mas, 0.05 ms: 2 cm). Left out as everywhere in nebosvod: the scale of TDB-compatible coordinates, 10 cm.
-    """
-    if len(t_s) == 0:
-        empty = np.empty(0)
-        none = np.empty(0, dtype=np.bool_)
-        return np.empty((0, 6)), Orientation(
-            ut1_jd=(empty, empty), x_pole_rad=empty, y_pole_rad=empty, before=none, after=none, beyond_days=0.0
-        )
-    days = epoch.fraction + t_s / 86400.0
-    day = np.full(t_s.size, epoch.day)
-    cells, cell = np.unique(np.floor(days / CELL_DAYS), return_inverse=True)
-    centres = (cells + 0.5) * CELL_DAYS
-    middle = np.full(centres.size, epoch.day)
-    slow = np.stack(erfa.xys06a(middle, centres)) - np.stack(erfa.xys00b(middle, centres))
-    x, y, s = np.stack(erfa.xys00b(day, days)) + slow[:, cell]
-    relativity = erfa.dtdb(middle, centres, 0.0, 0.0, 0.0, 0.0) - _leading_tdb_minus_tt(epoch.day, centres)
-    tt = days - (relativity[cell] + _leading_tdb_minus_tt(epoch.day, days)) / 86400.0
-    earth = orientation(day, tt)
-    pole = erfa.pom00(earth.x_pole_rad, earth.y_pole_rad, erfa.sp00(day, tt))
-    fixed = np.einsum("nji,nj->ni", pole, itrf_km)
-    turned = np.zeros((t_s.size, 2, 3))
-    angle = erfa.era00(*earth.ut1_jd)
-    cos, sin = np.cos(angle), np.sin(angle)
-    turned[:, 0, 0], turned[:, 0, 1] = cos * fixed[:, 0] - sin * fixed[:, 1], sin * fixed[:, 0] + cos * fixed[:, 1]
-    turned[:, 0, 2] = fixed[:, 2]
-    turned[:, 1, 0], turned[:, 1, 1] = -EARTH_ROTATION_RAD_S * turned[:, 0, 1], EARTH_ROTATION_RAD_S * turned[:, 0, 0]
-    return (turned @ erfa.c2ixys(x, y, s)).reshape(-1, 6), earth
-
-
-def _leading_tdb_minus_tt(day: float, days: Array) -> Array:
-    """The annual terms of TDB - TT, s: Astronomical Almanac 2010, section B7."""
-    g = np.radians(357.53 + 0.98560028 * ((day - 2451545.0) + days))
-    return np.asarray(0.001657 * np.sin(g) + 0.000014 * np.sin(2.0 * g))
 
 
 def _sites(astrometry: Astrometry, wanted: Flags) -> Array:

@@ -1,16 +1,15 @@
-"""Observatories on the ground: Earth rotation by erfa and the IERS table that astropy ships; nothing is fetched."""
+"""Observatories on the ground: Earth rotation by erfa, UT1 and polar motion of `earth_orientation`."""
 
 from dataclasses import dataclass
-from functools import cache
-from typing import Any
 
 import erfa
 import numpy as np
 
 from nebosvod.errors import CoverageError, InputError
 from nebosvod.observation.contracts import Array, Ephemeris
-from nebosvod.observation.earth_rotation import rotating_to_icrf
-from nebosvod.timescale import Epoch, utc_jd
+from nebosvod.observation.earth_orientation import Orientation, orientation, table_span
+from nebosvod.observation.earth_rotation import rotating_to_icrf, tt_days
+from nebosvod.timescale import Epoch
 
 MPC_EARTH_RADIUS_KM = 6378.137  # unit of the MPC's parallax constants (WGS84 equatorial radius)
 
@@ -22,8 +21,8 @@ class GroundSite:
     Parameters
     ----------
     itrf_km : shape (3,), geocentric position in ITRF.
-    extrapolate : after the end of the IERS table hold its last values instead of raising; the day of the Earth is
-        then uncertain by about 1 ms a day, 0.5 m of position at the equator for each day beyond the table.
+    extrapolate : go on outside of the Earth-orientation tables instead of raising. After their end the last values are
+        held: 1 ms of UT1, 0.5 m at the equator, for each day beyond; before 1962 the site is good to about 50 m.
 
     Raises
     ------
@@ -59,44 +58,30 @@ class GroundSite:
         Raises
         ------
         CoverageError
-            If a time is outside the IERS table and `extrapolate` is off.
+            If a time is outside the tables and `extrapolate` is off, or outside the ephemeris.
         """
-        day, fraction = utc_jd(epoch, t_s)
-        ut1_minus_utc, x_pole, y_pole = earth_orientation(day, fraction, self.extrapolate)
-        tio = erfa.sp00(epoch.day, epoch.fraction + t_s / 86400.0)
-        itrf_from_tirs = erfa.pom00(x_pole, y_pole, tio)
-        fixed = np.einsum("nji,j->ni", itrf_from_tirs, self.itrf_km)
-        geocentric = rotating_to_icrf(fixed, epoch, t_s, ut1_minus_utc)
+        geocentric, earth = ground_states(self.itrf_km, epoch, t_s)
+        outside = earth.before | earth.after
+        if outside.any() and not self.extrapolate:
+            first, last = (moment.iso(digits=0)[:10] for moment in table_span())
+            asked = (epoch + float(t_s[np.argmax(outside)])).iso(digits=0)
+            raise CoverageError(
+                f"ground site: the Earth-rotation table covers {first} to {last}, asked for {asked}; update "
+                "astropy-iers-data for a later end, or allow extrapolation (0.5 m a day after it; 50 m before 1962)"
+            )
         return ephemeris.state_km_km_s("earth", epoch, t_s) + geocentric
 
 
-def earth_orientation(day: Array, fraction: Array, extrapolate: bool) -> tuple[Array, Array, Array]:
-    """UT1 - UTC (s) and pole x, y (rad), each (n,), at two-part UTC Julian dates.
+def ground_states(itrf_km: Array, epoch: Epoch, t_s: Array) -> tuple[Array, Orientation]:
+    """Geocentric ICRF states (n, 6) of places (n, 3) or (3,) on the Earth, and the orientation they were turned by.
 
-    Raises
-    ------
-    CoverageError
-        If a date is outside the table; past its end only when `extrapolate` is off.
+    Notes
+    -----
+    IERS Conventions 2010, eq. 5.1 without the celestial pole offsets (0.3 mas: 1 cm) and the daily tides of pole and
+    UT1 (0.5 mas, 0.05 ms: 2 cm).
     """
-    table = _iers()
-    # the table answers up to, not at, its last day
-    first, last = float(table["MJD"][0].value), float(table["MJD"][-1].value) - 1e-6
-    mjd = day - 2400000.5 + fraction
-    if np.any(mjd < first) or (np.any(mjd > last) and not extrapolate):
-        raise CoverageError(
-            f"ground site: the Earth-rotation table covers UTC MJD {first:.0f} to {last:.0f}, asked for "
-            f"{mjd.min():.1f} to {mjd.max():.1f}; update astropy-iers-data, or allow extrapolation (0.5 m a day)"
-        )
-    beyond = mjd > last
-    day, fraction = np.where(beyond, 2400000.5, day), np.where(beyond, last, fraction)
-    ut1_minus_utc = table.ut1_utc(day, fraction)
-    x_pole, y_pole = table.pm_xy(day, fraction)
-    return ut1_minus_utc.to_value("s"), x_pole.to_value("rad"), y_pole.to_value("rad")
-
-
-@cache
-def _iers() -> Any:
-    """The IERS-A table shipped with astropy: final values, then a year of predictions. Imported on first use."""
-    from astropy.utils import iers
-
-    return iers.IERS_A.open(iers.IERS_A_FILE)
+    day, tt = np.full(t_s.size, epoch.day), tt_days(epoch, t_s)
+    earth = orientation(day, tt)
+    itrf_from_tirs = erfa.pom00(earth.x_pole_rad, earth.y_pole_rad, erfa.sp00(day, tt))
+    fixed = np.einsum("nji,nj->ni", itrf_from_tirs, np.broadcast_to(itrf_km, (t_s.size, 3)))
+    return rotating_to_icrf(fixed, erfa.era00(*earth.ut1_jd), epoch, t_s), earth

@@ -12,7 +12,7 @@ from nebosvod.dynamics.constants import OBLIQUITY_J2000_RAD
 from nebosvod.errors import InputError
 from nebosvod.observation.constants import EARTH_ROTATION_RAD_S
 from nebosvod.observation.contracts import Array, Ephemeris
-from nebosvod.observation.earth_rotation import rotating_to_icrf
+from nebosvod.observation.earth_rotation import earth_rotation_angle, rotating_to_icrf
 from nebosvod.timescale import Epoch
 
 
@@ -38,8 +38,9 @@ class Geostationary:
     Notes
     -----
     The ring lies in the true equator of date (celestial intermediate pole) and turns with the Earth rotation angle,
-    UT1 = UTC (see `earth_rotation`); its radius is where the two-body period equals the sidereal day, 42164.17 km.
-    A real spacecraft is kept within about 0.05 deg (37 km) of its longitude.
+    UT1 = UTC (see `earth_rotation_angle`) and no polar motion (0.5" at most: 0.1 km); its radius is where the two-body
+    period equals the sidereal day, 42164.17 km. A real spacecraft is kept within about 0.05 deg (37 km) of its
+    longitude.
     """
 
     longitude_rad: float
@@ -56,7 +57,8 @@ class Geostationary:
         """Barycentric ICRF states (n, 6)."""
         radius_km = (ephemeris.gm_km3_s2["earth"] / EARTH_ROTATION_RAD_S**2) ** (1.0 / 3.0)
         fixed = radius_km * np.array([np.cos(self.longitude_rad), np.sin(self.longitude_rad), 0.0])
-        return ephemeris.state_km_km_s("earth", epoch, t_s) + rotating_to_icrf(fixed, epoch, t_s)
+        turning = rotating_to_icrf(fixed, earth_rotation_angle(epoch, t_s), epoch, t_s)
+        return ephemeris.state_km_km_s("earth", epoch, t_s) + turning
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -140,7 +140,11 @@ class Ground(Block):
     rho_sin_phi: Annotated[float, Field(ge=-1.01, le=1.01)] | None = None
     code: Text | None = Field(None, description="Observatory code, such as X05")
     file: Text | None = Field(None, description="Another obscodes_extended.json of the MPC, beside the mission")
-    extrapolate: bool = Field(False, description="Go on after the end of the Earth-rotation table, 0.5 m a day worse")
+    extrapolate: bool = Field(
+        False,
+        description="Go on outside of the Earth-orientation tables: 0.5 m worse for each day after their end, 50 m "
+        "before 1962",
+    )
 
     def complaints(self) -> list[tuple[KeyPath, str]]:
         """A code, or the three constants."""

@@ -1,5 +1,7 @@
 """Observatories on the ground."""
 
+from typing import ClassVar
+
 import numpy as np
 import pytest
 from astropy import units
@@ -9,6 +11,7 @@ from astropy.utils import iers
 
 from nebosvod.errors import CoverageError, InputError
 from nebosvod.observation import GroundSite
+from nebosvod.observation.sites import ground_states
 from nebosvod.timescale import Epoch, utc_jd
 
 EPOCH = Epoch.parse("2020-01-01T00:00:00 TDB")
@@ -26,16 +29,64 @@ I41_SSB = [
 PARANAL = np.array([1946.404, -5467.644, -2642.728])
 
 
-def test_a_site_is_where_astropy_has_it_to_a_tenth_of_a_millimetre(ephemeris, monkeypatch):
-    monkeypatch.setattr(iers.conf, "auto_download", False)
-    ours = GroundSite(itrf_km=PARANAL).state_km_km_s(ephemeris, EPOCH, T_S)
-    ours = ours - ephemeris.state_km_km_s("earth", EPOCH, T_S)
-    with iers.earth_orientation_table.set(iers.IERS_A.open(iers.IERS_A_FILE)):
-        time = Time(*utc_jd(EPOCH, T_S), format="jd", scale="utc")
+RNG = np.random.default_rng(11)
+NIGHTS_S = np.floor(RNG.uniform(-26.9, 27.0, 60) * 365.25) * 86400.0
+# how close times lie decides how precession and nutation are evaluated: between nodes, one by one, by quarters of a day
+TIMES_S = {
+    "dense": (np.linspace(0.0, 300.0, 900) * 86400.0, 1e-7),
+    "strewn": (RNG.uniform(-26.9, 27.0, 300) * 365.25 * 86400.0, 1e-7),
+    "in nights": ((NIGHTS_S[:, None] + RNG.uniform(0.0, 0.24, (60, 6)) * 86400.0).ravel(), 4e-6),
+}
+
+
+def astropys(epoch: Epoch, t_s: np.ndarray, table: iers.IERS) -> np.ndarray:
+    """Geocentric states (n, 6) of Paranal by astropy with a table."""
+    with iers.earth_orientation_table.set(table):
+        time = Time(*utc_jd(epoch, t_s), format="jd", scale="utc")
         position, velocity = EarthLocation.from_geocentric(*PARANAL, unit=units.km).get_gcrs_posvel(time)
-    # interpolated nutation 0.03 mm; two barycentric positions of 1.5e8 km subtracted: 0.04 mm
-    np.testing.assert_allclose(ours[:, :3], position.xyz.to_value("km").T, rtol=0.0, atol=1e-7)
-    np.testing.assert_allclose(ours[:, 3:], velocity.xyz.to_value("km/s").T, rtol=0.0, atol=1e-7)
+    return np.concatenate([position.xyz.to_value("km"), velocity.xyz.to_value("km/s")]).T
+
+
+@pytest.mark.parametrize("times", TIMES_S)
+def test_a_site_is_where_astropy_has_it_since_1973(times, monkeypatch):
+    """0.1 mm: node-interpolated nutation 0.03 mm, UT1 and TT 1e-9 s; 4 mm where nights share a nutation (1.8 found)."""
+    monkeypatch.setattr(iers.conf, "auto_download", False)
+    epoch, (t_s, allowed_km) = Epoch.parse("2000-01-01T00:00:00 TDB"), TIMES_S[times]
+    ours, earth = ground_states(PARANAL, epoch, t_s)
+    theirs = astropys(epoch, t_s, iers.IERS_A.open(iers.IERS_A_FILE))
+    # astropy stretches the day that ends with a leap second: another UT1 there, by up to a second
+    usual = np.linalg.norm(ours[:, :3] - theirs[:, :3], axis=1) < 1e-4
+    assert np.count_nonzero(~usual) <= 1
+    np.testing.assert_allclose(ours[usual, :3], theirs[usual, :3], rtol=0.0, atol=allowed_km)
+    np.testing.assert_allclose(ours[:, 3:], theirs[:, 3:], rtol=0.0, atol=1e-7)
+    assert earth.notices() == ()
+
+
+def test_a_site_is_where_astropy_has_it_from_1962_to_1972(monkeypatch):
+    """By EOP C04. astropy keeps TAI - UTC of 0h all day; it drifted by up to 2.6 ms a day: 1.2 m before midnight."""
+    monkeypatch.setattr(iers.conf, "auto_download", False)
+    table = iers.IERS_B.open(iers.IERS_B_FILE)
+    for hour, allowed_m in ((0.001, 2e-4), (23.9, 1.2)):
+        utc = Time(np.arange(37666.0, 41680.0, 40.0), hour / 24.0, format="mjd", scale="utc")
+        epoch = Epoch.from_jd(2400000.5, 37665.0)
+        t_s = (utc.tdb.jd1 - epoch.day + utc.tdb.jd2) * 86400.0
+        ours, earth = ground_states(PARANAL, epoch, t_s)
+        error_m = 1e3 * np.linalg.norm((ours - astropys(epoch, t_s, table))[:, :3], axis=1)
+        assert np.max(error_m) < allowed_m
+        assert not earth.before.any()
+
+
+def test_a_site_counts_from_the_barycentre(ephemeris):
+    state = GroundSite(itrf_km=PARANAL).state_km_km_s(ephemeris, EPOCH, T_S)
+    geocentric, _ = ground_states(PARANAL, EPOCH, T_S)
+    np.testing.assert_array_equal(state, ephemeris.state_km_km_s("earth", EPOCH, T_S) + geocentric)
+
+
+def test_places_of_one_pass_are_those_of_single_sites():
+    places = PARANAL * np.array([[1.0], [0.5], [-0.5]])
+    together, _ = ground_states(places, EPOCH, T_S[:3])
+    alone = [ground_states(place, EPOCH, T_S[:3])[0][i] for i, place in enumerate(places)]
+    np.testing.assert_array_equal(together, alone)
 
 
 def test_parallax_constants_place_a_site_at_its_distance_and_longitude():
@@ -62,17 +113,31 @@ def test_earth_rotation_at_the_sites_of_another_code(ephemeris):
 
 def test_after_the_table_a_site_is_refused_or_extrapolated_as_told(ephemeris):
     future = Epoch.parse("2045-01-01T00:00:00 TDB")
-    with pytest.raises(CoverageError, match=r"Earth-rotation table covers UTC MJD 41684 to \d+, asked for 6798\d"):
+    with pytest.raises(CoverageError, match=r"covers 1962-01-01 to 20\d\d-\d\d-\d\d, asked for 2045-01-01"):
         GroundSite(itrf_km=PARANAL).state_km_km_s(ephemeris, future, np.zeros(1))
     state = GroundSite(itrf_km=PARANAL, extrapolate=True).state_km_km_s(ephemeris, future, np.zeros(1))
     height = np.linalg.norm(state[0, :3] - ephemeris.position_km("earth", future, np.zeros(1))[0])
     assert height == pytest.approx(np.linalg.norm(PARANAL), abs=1e-6)
 
 
-def test_before_the_table_a_site_is_refused_in_any_case(ephemeris):
-    past = Epoch.parse("1971-01-01T00:00:00 TDB")
-    with pytest.raises(CoverageError, match="41684"):
-        GroundSite(itrf_km=PARANAL, extrapolate=True).state_km_km_s(ephemeris, past, np.zeros(1))
+def test_before_the_tables_a_site_is_refused_or_placed_by_the_clocks_as_told():
+    """An ephemeris of its own: the one that is shipped begins in 1990."""
+
+    class Still:
+        gm_km3_s2: ClassVar[dict[str, float]] = {}
+
+        def state_km_km_s(self, body, epoch, t_s):
+            return np.zeros((t_s.size, 6))
+
+    t_s = np.array([0.0, 400.0 * 86400.0])
+    past = Epoch.parse("1961-06-01T00:00:00 TDB")
+    with pytest.raises(CoverageError, match=r"covers 1962-01-01 to .* asked for 1961-06-01"):
+        GroundSite(itrf_km=PARANAL).state_km_km_s(Still(), past, t_s)
+    covered = GroundSite(itrf_km=PARANAL).state_km_km_s(Still(), past, t_s[1:])
+    placed = GroundSite(itrf_km=PARANAL, extrapolate=True).state_km_km_s(Still(), past, t_s)
+    # one time alone, or two of them: nutation by the same series
+    np.testing.assert_allclose(placed[1:], covered, rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(np.linalg.norm(placed[:, :3], axis=1), np.linalg.norm(PARANAL), rtol=1e-12)
 
 
 def test_a_position_that_is_none_is_refused():
