@@ -9,6 +9,8 @@ from rich.box import SIMPLE
 from rich.console import Console
 from rich.table import Table
 
+from nebosvod.errors import counted
+
 BUDGET_ROWS = 6
 BLAMED = 3  # kinds of source named behind each prediction
 AGREE = 0.01  # formal and true sigmas that differ by less are called equal
@@ -64,7 +66,7 @@ def _number(value: float | None) -> str:
 
 def _seen(summary: Mapping[str, Any]) -> Iterator[str]:
     """How many measurements, and for each telescope that lost some, to which limit."""
-    yield f"{summary['n_observations']} measurements; reference epoch {summary['reference_epoch_tdb']}"
+    yield f"{counted(summary['n_observations'], 'measurement')}; reference epoch {summary['reference_epoch_tdb']}"
     for row in summary["visibility"]:
         lost = row["candidates"] - row["visible"]
         if lost:

@@ -8,6 +8,8 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from nebosvod.errors import counted
+
 UNITS = {"m_s": "m/s"}
 BUDGET_ROWS = 8
 SMALLEST_SHARE = 0.0005  # what would be shown as 0.0
@@ -17,9 +19,8 @@ def print_comparison(found: Mapping[str, Any], console: Console | None = None) -
     """Print warnings, runs, sigmas of orbit and predictions, and what is to blame in each."""
     out = console or Console(highlight=False, soft_wrap=True)
     for run in found["runs"]:
-        said = (
-            f"{run['label']}: {run['object']}, {run['n_observations']} measurements by {', '.join(run['telescopes'])}"
-        )
+        by = ", ".join(run["telescopes"])
+        said = f"{run['label']}: {run['object']}, {counted(run['n_observations'], 'measurement')} by {by}"
         out.print(escape(f"{said}; estimator {run['estimator']}"))
     for warning in found["warnings"]:
         out.print(f"warning: {escape(warning)}")

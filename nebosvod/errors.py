@@ -1,8 +1,13 @@
-"""Every exception nebosvod raises, and the exit code a program should end with.
+"""Every exception nebosvod raises, the exit code a program should end with, and how messages count.
 
 A message says where, what was found, what is allowed and what to do next. Wrong input raises; a
 numerical failure inside a run is a status of the result, not an exception.
 """
+
+
+def counted(number: int, noun: str) -> str:
+    """`1 record`, `2 records`, for a message."""
+    return f"{number} {noun}" + ("" if number == 1 else "s")
 
 
 class NebosvodError(Exception):

@@ -8,6 +8,8 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from nebosvod.errors import counted
+
 UNITS = {"m_s": "m/s"}
 CRITERIA = {"a": "root trace", "d": "geometric mean of the semi-axes"}
 
@@ -20,7 +22,7 @@ def print_plan(found: Mapping[str, Any], console: Console | None = None) -> None
     asked = found["prediction"]
     now = found["sigma_now"][which]
     out.print(escape(f"{asked['name']} ({asked['plane']}, {asked['epoch_tdb']}), estimator {found['estimator']}"))
-    out.print(f"sigma ({CRITERIA[which]}) with {found['n_observations']} measurements: {now:.4g} {unit}")
+    out.print(f"sigma ({CRITERIA[which]}) with {counted(found['n_observations'], 'measurement')}: {now:.4g} {unit}")
     out.print(_windows(found, which, unit))
     out.print(_schedules(found, which, unit))
     out.print(escape(advice(found)))
@@ -35,7 +37,8 @@ def advice(found: Mapping[str, Any]) -> str:
     last, other = greedy[-1]["sigma_after"][which], even[-1]["sigma_after"][which]
     less = f"{best['reduction_percent'][which]:.2g} % less"
     said = f"measure next with {best['telescope']} at {best['epoch_tdb']}: {less}"
-    return f"{said}; {len(greedy)} visits chosen so bring {last:.4g} {unit}, as many at even times {other:.4g} {unit}"
+    brings = f"{counted(len(greedy), 'visit')} chosen so {'brings' if len(greedy) == 1 else 'bring'} {last:.4g} {unit}"
+    return f"{said}; {brings}, as many at even times {other:.4g} {unit}"
 
 
 def _short(epoch: str) -> str:

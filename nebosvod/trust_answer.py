@@ -13,6 +13,8 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from nebosvod.errors import counted
+
 
 @contextmanager
 def progress_line(what: str) -> Iterator[Callable[[int, int], None]]:
@@ -44,7 +46,8 @@ def print_validation(found: Mapping[str, Any], folder: Path, console: Console | 
     """Print the verdict, a table by estimator and covariance, and where the numbers are."""
     out = console or Console(highlight=False, soft_wrap=True)
     out.print(f"[bold]{escape(found['title'])}[/bold]")
-    out.print(f"{found['n_runs']} runs, seed {found['seed']}, {found['mode']}; {found['n_observations']} measurements")
+    measured = counted(found["n_observations"], "measurement")
+    out.print(f"{found['n_runs']} runs, seed {found['seed']}, {found['mode']}; {measured}")
     table = Table(box=SIMPLE, pad_edge=False)
     for heading in ("estimator", "judged with", "claimed", "NEES/6", "50 %", "90 %", "99 %", "passed"):
         table.add_column(heading, justify="left" if heading in ("estimator", "judged with") else "right")

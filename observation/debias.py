@@ -15,7 +15,7 @@ from typing import BinaryIO
 import numpy as np
 
 from nebosvod.dynamics.constants import J2000_JD
-from nebosvod.errors import DataError, InputError
+from nebosvod.errors import DataError, InputError, counted
 from nebosvod.observation.contracts import Array
 from nebosvod.observation.earth_orientation import ARCSEC_RAD
 from nebosvod.observation.records import Astrometry, Rows
@@ -69,9 +69,13 @@ def debias(astrometry: Astrometry, table_path: str | Path | None = None) -> tupl
     )
     correction[biased] = (values[:, :2] + 1e-3 * years[:, None] * values[:, 2:]) * ARCSEC_RAD
     unknown = int(np.sum((which < 0) & ~np.isin(astrometry.catalogue, list(UNBIASED))))
-    told = [f"catalogue biases (Eggl et al. 2020, {nside} pixels a side) taken off {biased.size} observations"]
+    taken = counted(biased.size, "observation")
+    told = [f"catalogue biases (Eggl et al. 2020, {nside} pixels a side) taken off {taken}"]
     if unknown:
-        told.append(f"{unknown} observations name no star catalogue, or one whose biases are unknown: left as they are")
+        naming = "names" if unknown == 1 else "name"
+        told.append(
+            f"{counted(unknown, 'observation')} {naming} no star catalogue, or one whose biases are unknown: left alone"
+        )
     return correction, tuple(told)
 
 
@@ -107,9 +111,10 @@ def _untouched(biased: int) -> tuple[str, ...]:
     """The sentence about a missing table; none if nothing would change."""
     if not biased:
         return ()
+    were = "was" if biased == 1 else "were"
     return (
-        f"{biased} observations were measured against star catalogues with known biases (up to 1 arcsec), which are "
-        "not taken off: give the table of Eggl et al. (2020), bias.dat of ssd.jpl.nasa.gov/ftp/ssd/debias",
+        f"{counted(biased, 'observation')} {were} measured against star catalogues with known biases (up to 1 arcsec), "
+        "which are not taken off: give the table of Eggl et al. (2020), bias.dat of ssd.jpl.nasa.gov/ftp/ssd/debias",
     )
 
 

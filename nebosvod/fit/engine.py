@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nebosvod.dynamics import Ephemeris, ForceModel, propagate
-from nebosvod.errors import CoverageError, EventError, GeometryError, InputError
+from nebosvod.errors import CoverageError, EventError, GeometryError, InputError, counted
 from nebosvod.estimation import Status
 from nebosvod.estimation.rejection import Thresholds
 from nebosvod.estimation.square_root import covariance_factor
@@ -81,7 +81,7 @@ def fit_object(
         As the stages raise them; a lack of convergence or observability is a status of the answer.
     """
     designation, records = records.objects[0], dated(records, mission)
-    say(f"{designation}: placing {len(records)} observations of {len(records.stations)} stations")
+    say(f"{designation}: placing {counted(len(records), 'observation')} of {counted(len(records.stations), 'station')}")
     material = prepare(records, mission, ephemeris)
     thresholds = thresholds_of(mission)
     epoch, state, chosen, origin = _first_orbit(material, mission, ephemeris, thresholds, say)
@@ -231,7 +231,8 @@ def _known(material: Material) -> str:
         seen = attributable(records)
     except InputError as error:
         return str(error)
-    what = f"known are {len(records)} observations over {arc_words(material)}"
+    is_are = "is" if len(records) == 1 else "are"
+    what = f"known {is_are} {counted(len(records), 'observation')} over {arc_words(material)}"
     rate = np.linalg.norm(seen.rate_rad_s) * SECONDS_PER_DAY * RAD_TO_ARCSEC
     curved = f"curved by {seen.significance:.1f} sigma" if seen.significance > 0.0 else "a straight line"
     return (

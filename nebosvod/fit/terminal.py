@@ -9,6 +9,8 @@ from rich.box import SIMPLE
 from rich.console import Console
 from rich.table import Table
 
+from nebosvod.errors import counted
+
 STATIONS_SHOWN = 8
 REJECTED_SHOWN = 8
 BUDGET_SHOWN = 6
@@ -55,7 +57,7 @@ def _headline(summary: Mapping[str, Any]) -> Iterator[str]:
     fit = summary["fit"]
     left = ", ".join(f"{count} {LEFT_OUT.get(reason, reason)}" for reason, count in fit["left_out"].items())
     yield (
-        f"{summary['n_observations']} observations by {len(fit['stations'])} stations, "
+        f"{counted(summary['n_observations'], 'observation')} by {counted(len(fit['stations']), 'station')}, "
         f"{fit['first_observation_utc'][:10]} to {fit['last_observation_utc'][:10]} ({fit['arc']})"
         + (f"; left out: {left}" if left else "")
     )
@@ -63,7 +65,7 @@ def _headline(summary: Mapping[str, Any]) -> Iterator[str]:
     reduced = fit["reduced_chi2"]
     yield (
         f"{fit['n_selected']} selected, {fit['n_rejected']} rejected; rms {fit['rms_ra_arcsec']:.3f} arcsec in RA*, "
-        f"{fit['rms_dec_arcsec']:.3f} in Dec; chi2 {fit['chi2']:.1f} for {fit['dof']} degrees of freedom"
+        f"{fit['rms_dec_arcsec']:.3f} in Dec; chi2 {fit['chi2']:.1f} for {counted(fit['dof'], 'degree')} of freedom"
         + (f" ({reduced:.2f})" if reduced is not None else "")
     )
 
@@ -185,10 +187,10 @@ def print_line(summary: Mapping[str, Any], folder: Path, console: Console | None
     fit, orbit = summary["fit"], summary["orbit"]
     sigma = "" if orbit is None else f", position to {_number(orbit['sigma_position_km'])} km"
     warned = f"; warnings: {len(summary['warnings'])}" if summary["warnings"] else ""
+    used = f"{fit['n_selected']} of {counted(summary['n_observations'], 'observation')} over {fit['arc']}"
     out.print(
         _plain(
-            f"{summary['object']:<14} {fit['status'].replace('_', ' '):<15} {fit['n_selected']} of "
-            f"{summary['n_observations']} observations over {fit['arc']}, rms {fit['rms_arcsec']:.3f} arcsec{sigma}"
-            f"{warned}; {folder}"
+            f"{summary['object']:<14} {fit['status'].replace('_', ' '):<15} {used}, rms {fit['rms_arcsec']:.3f} arcsec"
+            f"{sigma}{warned}; {folder}"
         )
     )

@@ -9,6 +9,7 @@ import numpy.typing as npt
 from scipy.stats import chi2 as chi_square
 
 from nebosvod.dynamics.elements import state_to_cometary
+from nebosvod.errors import counted
 from nebosvod.estimation import Status
 from nebosvod.fit.general import General
 from nebosvod.fit.material import Material
@@ -50,7 +51,7 @@ class Verdict:
 def verdict(lean: Selected, general: General, material: Material) -> Verdict:
     """Judge a fit."""
     rejected = int((~general.selected).sum())
-    few = [f"{rejected} of {len(material)} observations were rejected: this orbit is not theirs"]
+    few = [f"{rejected} of {counted(len(material), 'observation')} were rejected: this orbit is not theirs"]
     few = few if rejected > LEFT_OUT * len(material) else []
     chance, times, words = _misfit(general)
     large = [words] if chance < DOUBTED else []
@@ -97,7 +98,7 @@ def _misfit(general: General) -> tuple[float, float, str]:
         float(chi_square.sf(estimate.chi2, freedom)),
         times,
         (
-            f"chi squared is {estimate.chi2:.4g} for {freedom} degrees of freedom, where chance leads above "
+            f"chi squared is {estimate.chi2:.4g} for {counted(freedom, 'degree')} of freedom, where chance leads above "
             f"{chi_square.isf(DOUBTED, freedom):.4g} once in {1.0 / DOUBTED:.0f}: the sigmas are too small, "
             f"as if by a factor of {np.sqrt(times):.2g}"
         ),
@@ -113,8 +114,9 @@ def _kept(general: General, material: Material) -> list[str]:
     worst = beyond[np.argmax(general.chi2[beyond])]
     place = f"{Path(str(material.astrometry.path[worst])).name}:{material.astrometry.line[worst]}"
     why = "because there are few" if said.enabled else "because rejection is off"
+    verb = "has" if beyond.size == 1 else "have"
     return [
-        f"{beyond.size} of the selected observations have chi squared above {said.reject:g}, kept {why}; "
+        f"{beyond.size} of the selected observations {verb} chi squared above {said.reject:g}, kept {why}; "
         f"the worst is {place}, chi {np.sqrt(general.chi2[worst]):.1f}"
     ]
 

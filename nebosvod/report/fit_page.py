@@ -84,6 +84,11 @@ def _tiles(run: RunFolder, fit: Item, orbit: Item | None) -> list[tuple[str, Cel
     return tiles
 
 
+def _rejected(n: int) -> str:
+    """How many observations were rejected."""
+    return f"{count(n, 'observation')} {'was rejected,' if n == 1 else 'were rejected, each'} with its chi below."
+
+
 def _answers(run: RunFolder, fit: Item) -> list[tuple[str, list[Cell]]]:
     """Sentences made from numbers: how it ended, how well it agrees, what is to blame."""
     said: list[tuple[str, list[Cell]]] = [("How it ended", [fit["message"], f"The orbit started from {fit['start']}."])]
@@ -100,7 +105,7 @@ def _answers(run: RunFolder, fit: Item) -> list[tuple[str, list[Cell]]]:
     if reduced is not None and reduced > 1.5:
         agree.append("The observations scatter more than their weights say: the sigmas below are too small.")
     if fit["n_rejected"]:
-        agree.append(f"{fit['n_rejected']} observations were rejected, each with its chi below.")
+        agree.append(_rejected(int(fit["n_rejected"])))
     said.append(("How well the observations agree", agree))
     budget = run.summary["budget"]
     if budget:

@@ -47,7 +47,7 @@ def test_the_bias_is_the_offset_at_j2000_plus_proper_motion(tmp_path, rows, lett
     years = (2453652.70072 - 2451545.0) / 365.25  # to 3e-6
     expected = four[:2] + years * four[2:] / 1e3
     np.testing.assert_allclose(correction[0] / ARCSEC, expected, rtol=0.0, atol=1e-7)
-    assert notices == ("catalogue biases (Eggl et al. 2020, 2 pixels a side) taken off 1 observations",)
+    assert notices == ("catalogue biases (Eggl et al. 2020, 2 pixels a side) taken off 1 observation",)
 
 
 def test_many_observations_in_any_order_get_their_own_pixels(tmp_path, rows) -> None:
@@ -74,7 +74,7 @@ def test_without_a_table_nothing_is_taken_off_and_it_is_said() -> None:
     records = read(LINE.format("2005 10 09.20072", PLACES[0], "c"))
     correction, notices = debias(records)
     np.testing.assert_array_equal(correction, 0.0)
-    assert "1 observations were measured against star catalogues with known biases" in notices[0]
+    assert "1 observation was measured against star catalogues with known biases" in notices[0]
     assert debias(replace(records, catalogue=np.array(["Gaia2"])))[1] == ()
 
 
