@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from nebosvod.dynamics import Ephemeris, ForceModel, Nongrav, propagate
-from nebosvod.dynamics.constants import DAY_S
+from nebosvod.dynamics.constants import AU_KM, DAY_S
 from nebosvod.dynamics.trajectory import Trajectory
+from nebosvod.dynamics.twobody import kepler
 from nebosvod.errors import InputError, OutputError
 from nebosvod.timescale import Epoch
 
@@ -66,9 +67,68 @@ def test_spk_read_by_spice(flight: Trajectory, tmp_path: Path) -> None:
         spice.unload(path)
 
 
+def spice_states(path: Path, seconds: Array) -> Array:
+    """States (n, 6) as SPICE reads type 3: each record by its own midpoint and radius (SPK Required Reading)."""
+    from jplephem.daf import DAF
+
+    states = np.full((len(seconds), 6), np.nan)
+    with path.open("rb") as file:
+        daf = DAF(file)
+        for _, summary in daf.summaries():
+            begin, end, first, last = summary[0], summary[1], summary[6], summary[7]
+            start, length, width, count = daf.read_array(last - 3, last)
+            assert width * count + 4 == last - first + 1
+            assert start == begin
+            assert start + length * count == pytest.approx(end, abs=1e-6)
+            for row in daf.read_array(first, last - 4).reshape(int(count), int(width)):
+                mine = np.abs(seconds - row[0]) <= row[1]
+                value = np.polynomial.chebyshev.chebval((seconds[mine] - row[0]) / row[1], row[2:].reshape(6, -1).T)
+                states[mine] = value.T
+    return states
+
+
+def test_records_carry_their_own_middle_and_radius(flight: Trajectory, tmp_path: Path) -> None:
+    """0.2 m and 2e-9 km/s at every moment: jplephem takes the edges from the directory, SPICE from the record."""
+    flight.to_spk(tmp_path / "a.bsp", 20099942)
+    times = np.random.default_rng(3).uniform(*flight.span_s, 400)
+    read = spice_states(tmp_path / "a.bsp", times + (flight.epoch - Epoch.from_jd(2451545.0)))
+    assert np.abs(read - flight.state_at(times))[:, :3].max() < 2e-4
+    assert np.abs(read - flight.state_at(times))[:, 3:].max() < 2e-9
+
+
+def test_spk_of_decades_and_of_a_grazing_hour_keep_their_digits(ephemeris: Ephemeris, tmp_path: Path) -> None:
+    """0.1 and 0.2 m, 2e-9 km/s: position limits a record far from the Sun; 7000 km from the Earth it is 560 s long."""
+    epoch = Epoch.parse("2030-05-01T00:00:00 TDB")
+    earth = (ephemeris.state_km_km_s("earth", epoch, 0.0) - ephemeris.state_km_km_s("sun", epoch, 0.0))[0]
+    gm = ephemeris.gm_km3_s2["earth"]
+    lowest = np.array([0.0, 7000.0, 0.0, np.sqrt(25.0 + 2.0 * gm / 7000.0), 0.0, 0.0])
+    grazing = earth + kepler(lowest, [-7200.0], gm)[0]
+    far = np.array([38.0 * AU_KM, 9.0 * AU_KM, 2.0 * AU_KM, -1.1, 4.6, 0.4])
+    for start, end_s, limit_km in ((far, 25.0 * 365.25 * DAY_S, 1e-4), (grazing, 14400.0, 2e-4)):
+        arc = propagate(start, epoch, [end_s], ForceModel(ephemeris=ephemeris), False)
+        arc.to_spk(tmp_path / "x.bsp", 1)
+        times = np.random.default_rng(4).uniform(*arc.span_s, 500)
+        read = spice_states(tmp_path / "x.bsp", times + (epoch - Epoch.from_jd(2451545.0)))
+        assert np.abs(read - arc.state_at(times))[:, :3].max() < limit_km
+        assert np.abs(read - arc.state_at(times))[:, 3:].max() < 2e-9
+
+
 def test_segment_name_must_fit(flight: Trajectory, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="40 ASCII"):
-        flight.to_spk(tmp_path / "x.bsp", 1, "Апофис")
+    for name in ("Апофис", 41 * "x"):
+        with pytest.raises(InputError, match="40 ASCII"):
+            flight.to_spk(tmp_path / "x.bsp", 1, name)
+    assert not (tmp_path / "x.bsp").exists()
+
+
+def test_file_and_segments_carry_the_name(flight: Trajectory, tmp_path: Path) -> None:
+    from jplephem.daf import DAF
+
+    name = 40 * "x"
+    flight.to_spk(tmp_path / "x.bsp", 1, name)
+    with (tmp_path / "x.bsp").open("rb") as file:
+        daf = DAF(file)
+        assert daf.locifn.decode().strip() == name
+        assert {segment.decode() for segment, _ in daf.summaries()} == {name}
 
 
 def test_folder_that_does_not_exist_is_reported(flight: Trajectory, tmp_path: Path) -> None:
@@ -106,3 +166,35 @@ def test_oem_needs_ascending_times(flight: Trajectory, tmp_path: Path) -> None:
         flight.at([DAY_S, 0.0]).to_oem(
             tmp_path / "x.oem", object_name="A", object_id="1", created="2026-01-01T00:00:00"
         )
+
+
+def test_oem_needs_times_that_differ(flight: Trajectory, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="ascend"):
+        flight.at([0.0, 0.0]).to_oem(tmp_path / "x.oem", object_name="A", object_id="1", created="2026-01-01T00:00:00")
+
+
+def test_oem_refuses_what_it_cannot_hold(flight: Trajectory, tmp_path: Path) -> None:
+    path, created = tmp_path / "x.oem", "2026-01-01T00:00:00"
+    with pytest.raises(InputError, match=r"shape \(6, 6\), got \(3, 3\)"):
+        flight.to_oem(path, object_name="A", object_id="1", created=created, covariance=np.eye(3))
+    with pytest.raises(InputError, match="ASCII"):
+        flight.to_oem(path, object_name="Апофис", object_id="1", created=created)
+
+
+def test_oem_is_written_as_the_standard_asks(flight: Trajectory, tmp_path: Path) -> None:
+    """Line by line (CCSDS 502.0-B-2, 5.2): header, metadata, ephemeris, covariance; epochs to a nanosecond."""
+    path, short = tmp_path / "x.oem", flight.at([0.0, 0.123456789])
+    short.to_oem(path, object_name="APOPHIS", object_id="2004 MN4", created="2026-01-01T00:00:00", covariance=np.eye(6))
+    lines = path.read_text().splitlines()
+    first, last = "2029-02-01T03:00:00.000000000", "2029-02-01T03:00:00.123456789"
+    assert lines[:13] == [
+        "CCSDS_OEM_VERS = 2.0", "CREATION_DATE = 2026-01-01T00:00:00", "ORIGINATOR = NEBOSVOD", "",
+        "META_START", "OBJECT_NAME = APOPHIS", "OBJECT_ID = 2004 MN4", "CENTER_NAME = SUN", "REF_FRAME = ICRF",
+        "TIME_SYSTEM = TDB", f"START_TIME = {first}", f"STOP_TIME = {last}", "META_STOP",
+    ]  # fmt: skip
+    assert [line.split()[0] for line in lines[14:16]] == [first, last]
+    assert lines[17:20] == ["COVARIANCE_START", f"EPOCH = {first}", "COV_REF_FRAME = ICRF"]
+    assert [len(line.split()) for line in lines[20:26]] == [1, 2, 3, 4, 5, 6]
+    assert lines[26:28] == [f"EPOCH = {last}", "COV_REF_FRAME = ICRF"]
+    assert lines[-1] == "COVARIANCE_STOP"
+    assert len(lines) == 35

@@ -1,9 +1,11 @@
 """Dense output: any time, any order, without integrating again."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
-from nebosvod.dynamics import ForceModel, propagate
+from nebosvod.dynamics import ForceModel, integrator, propagate
 from nebosvod.dynamics.constants import DAY_S
 from nebosvod.dynamics.trajectory import Trajectory
 from nebosvod.errors import CoverageError, InputError
@@ -64,10 +66,64 @@ def test_results_are_read_only(arc: Trajectory) -> None:
             array[0] = 0.0
 
 
+def test_trajectory_is_frozen(arc: Trajectory) -> None:
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        arc.epoch = arc.epoch + 1.0  # type: ignore[misc]
+
+
+def test_what_is_handed_out_is_a_copy(arc: Trajectory) -> None:
+    """The caller's times stay writable; edges and chain may be changed without a change of the trajectory."""
+    times = np.array([0.0, 1.0])
+    asked = arc.at(times)
+    times[0] = 5.0
+    assert asked.t_s[0] == 0.0
+    for name in ("step_edges_s", "chain"):
+        handed = getattr(arc, name)
+        kept = handed.copy()
+        handed[:] = 7.0
+        assert np.array_equal(getattr(arc, name), kept)
+
+
+def test_dense_output_integrates_nothing(arc: Trajectory, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> None:
+        raise AssertionError("integrated again")
+
+    monkeypatch.setattr(integrator, "integrate", refuse)
+    assert arc.at(np.linspace(*arc.span_s, 50)).zeta.shape == (50, 6, 7)
+
+
+def test_integrated_columns_and_chain_give_phi_and_zeta(arc: Trajectory) -> None:
+    """The same bytes: `at` is made of them."""
+    times = np.array([-20.0, 50.0]) * DAY_S
+    state, columns = arc.variations_at(times)
+    asked = arc.at(times)
+    assert np.array_equal(state, asked.state)
+    assert np.array_equal(columns[:, :, :6], asked.Phi)
+    assert np.array_equal(columns[:, :, 6:] @ arc.chain, asked.zeta)
+
+
+def test_states_alone_have_no_partials_and_no_names(full_forces: ForceModel, arc: Trajectory) -> None:
+    bare = propagate(arc.at([0.0]).state[0], arc.epoch, [DAY_S], full_forces, False)
+    assert bare.parameter_names == ()
+    for ask in (lambda: bare.Phi, lambda: bare.zeta, lambda: bare.variations_at([0.0])):
+        with pytest.raises(InputError, match="without sensitivities"):
+            ask()
+
+
 @pytest.mark.parametrize("t", [-201.0 * DAY_S, 300.1 * DAY_S, np.nan])
 def test_times_outside_are_refused(arc: Trajectory, t: float) -> None:
-    with pytest.raises(CoverageError, match="integrated span"):
-        arc.at([0.0, t])
+    for ask in (arc.at, arc.state_at, arc.variations_at):
+        with pytest.raises(CoverageError, match="integrated span"):
+            ask([0.0, t])
+
+
+def test_ends_of_the_span_are_sharp_to_a_microsecond(arc: Trajectory) -> None:
+    """Seconds over a decade have a grain of 60 ns, and a span is sums of them."""
+    first, last = arc.span_s
+    assert arc.at([first - 5e-7, last + 5e-7]).state.shape == (2, 6)
+    for t in (first - 2e-6, last + 2e-6):
+        with pytest.raises(CoverageError, match="propagate further"):
+            arc.at([t])
 
 
 def test_times_need_one_axis(arc: Trajectory) -> None:
