@@ -7,6 +7,7 @@ import numpy as np
 
 from nebosvod.errors import CoverageError, InputError
 from nebosvod.observation.contracts import Array, Ephemeris
+from nebosvod.observation.interpolation import hermite, lagrange
 from nebosvod.observation.term import Rows
 from nebosvod.timescale import Epoch
 
@@ -59,9 +60,12 @@ class Segment:
             nearer = t_s - self.t_s[left] > self.t_s[left + 1] - t_s
             first = left + nearer - window // 2
         first = np.clip(first, 0, self.t_s.size - window)
-        index = first[:, None] + np.arange(window)
         interpolate = hermite if self.method == "hermite" else lagrange
-        return interpolate(self.t_s[index], self.states[index], t_s)
+        found = np.empty((t_s.size, 6))
+        # one layout of arrays, one compiled version
+        nodes, states, times = (np.require(array, requirements=("C", "W")) for array in (self.t_s, self.states, t_s))
+        interpolate(nodes, states, first, window, times, found)
+        return found
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -134,49 +138,3 @@ def table(
 def central_body(origin: str) -> str:
     """The body about which a spacecraft that is tabulated from `origin` has its RTN axes."""
     return {BARYCENTRE: "sun", "emb": "earth"}.get(origin, origin)
-
-
-def hermite(nodes: Array, states: Array, t_s: Array) -> Array:
-    """Osculating interpolation: position polynomial through w positions and velocities; velocity its derivative.
-
-    Parameters
-    ----------
-    nodes : shape (n, w); states : shape (n, w, 6); t_s : shape (n,).
-
-    Notes
-    -----
-    Newton's divided differences on doubled nodes, time in units of the window, so that degree 20 stays well scaled.
-    """
-    w = nodes.shape[1]
-    scale = nodes[:, -1] - nodes[:, 0]
-    x = np.repeat((nodes - t_s[:, None]) / scale[:, None], 2, axis=1)
-    column = np.repeat(states[:, :, :3], 2, axis=1)
-    velocity = states[:, :, 3:] * scale[:, None, None]
-    coefficients = [column[:, 0]]
-    for order in range(1, 2 * w):
-        gap = (x[:, order:] - x[:, :-order])[:, :, None]
-        rise = column[:, 1:] - column[:, :-1]
-        if order == 1:
-            slope = np.empty_like(rise)
-            slope[:, 0::2] = velocity
-            slope[:, 1::2] = rise[:, 1::2] / gap[:, 1::2]
-        else:
-            slope = rise / gap
-        column = slope
-        coefficients.append(column[:, 0])
-    value, rate = coefficients[-1], np.zeros_like(coefficients[-1])
-    for order in range(2 * w - 2, -1, -1):  # Horner at x = 0
-        rate = value - x[:, order, None] * rate
-        value = coefficients[order] - x[:, order, None] * value
-    return np.concatenate([value, rate / scale[:, None]], axis=1)
-
-
-def lagrange(nodes: Array, states: Array, t_s: Array) -> Array:
-    """Polynomials through the w values of each of the six components; arguments as in `hermite`."""
-    x = (nodes - t_s[:, None]) / (nodes[:, -1:] - nodes[:, :1])
-    values = states.copy()
-    w = nodes.shape[1]
-    for order in range(1, w):  # Neville
-        left, right = x[:, : w - order, None], x[:, order:, None]
-        values = (right * values[:, :-1] - left * values[:, 1:]) / (right - left)
-    return values[:, 0]

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 from jplephem.spk import SPK
-from scipy.interpolate import BarycentricInterpolator
+from scipy.interpolate import BarycentricInterpolator, KroghInterpolator
 
 from nebosvod.errors import CoverageError, DataError, InputError
 from nebosvod.observation import read_oem, read_spk, table
 from nebosvod.observation.kepler import kepler_state
-from nebosvod.observation.tabulated import hermite, lagrange
+from nebosvod.observation.tabulated import Segment
 from nebosvod.timescale import Epoch
 
 DAY = 86400.0
@@ -19,29 +19,46 @@ def kepler(t):
     return kepler_state(398600.4, 42164.0, 0.1, 0.3, 0.2 * one, 0.7 * one, t * np.sqrt(398600.4 / 42164.0**3))
 
 
-def test_hermite_interpolation_reproduces_polynomials_and_their_derivatives():
+def segment_of(polynomials, method, window, nodes):
+    """A table of six polynomials, or of three and their derivatives."""
+    both = [*polynomials, *(p.deriv() for p in polynomials)][:6]
+    states = np.stack([p(nodes) for p in both], axis=1)
+    return both, Segment(t_s=nodes, states=states, start_s=nodes[0], end_s=nodes[-1], method=method, window=window)
+
+
+@pytest.mark.parametrize(
+    ("method", "window", "degree", "count"), [("hermite", 4, 7, 3), ("hermite", 3, 5, 3), ("lagrange", 5, 4, 6)]
+)
+def test_interpolation_reproduces_polynomials_of_its_degree_and_no_higher(method, window, degree, count):
     rng = np.random.default_rng(1)
-    coefficients = rng.normal(size=(3, 8))  # degree 7 is the limit of four points
-    derivative = [np.polynomial.Polynomial(c).deriv() for c in coefficients]
-    nodes = np.sort(rng.uniform(0.0, 2.0, (5, 4)), axis=1)
-    states = np.stack(
-        [np.polynomial.Polynomial(c)(nodes) for c in coefficients] + [d(nodes) for d in derivative], axis=2
-    )
-    where = np.linspace(0.5, 1.5, 5)
-    found = hermite(nodes, states, where)
-    for axis in range(3):
-        np.testing.assert_allclose(found[:, axis], np.polynomial.Polynomial(coefficients[axis])(where), rtol=1e-9)
-        np.testing.assert_allclose(found[:, 3 + axis], derivative[axis](where), rtol=1e-8)
+    nodes = 0.25 * np.arange(12) + rng.uniform(0.0, 0.15, 12)
+    where = rng.uniform(nodes[0], nodes[-1], 60)  # windows in disorder
+    for more, exact in ((0, True), (1, False)):
+        polynomials = [np.polynomial.Polynomial(c) for c in rng.normal(size=(count, degree + 1 + more))]
+        expected, segment = segment_of(polynomials, method, window, nodes)
+        error = np.abs(segment.evaluate(where) - np.stack([p(where) for p in expected], axis=1))
+        # values up to 3^7: round-off 5e-13, times the growth of differences over close points
+        assert bool(error.max() < 1e-9) is exact
 
 
-def test_lagrange_interpolation_reproduces_polynomials():
-    rng = np.random.default_rng(2)
-    coefficients = rng.normal(size=(6, 5))
-    nodes = np.sort(rng.uniform(0.0, 2.0, (4, 5)), axis=1)
-    states = np.stack([np.polynomial.Polynomial(c)(nodes) for c in coefficients], axis=2)
-    where = np.linspace(0.5, 1.5, 4)
-    expected = np.stack([np.polynomial.Polynomial(c)(where) for c in coefficients], axis=1)
-    np.testing.assert_allclose(lagrange(nodes, states, where), expected, rtol=1e-9)
+@pytest.mark.parametrize("method", ["hermite", "lagrange"])
+def test_interpolation_is_that_of_scipy_in_a_window_about_each_time(method):
+    nodes = np.sort(np.random.default_rng(2).uniform(0.0, 2.0, 30)) * DAY
+    states = kepler(nodes)
+    segment = Segment(t_s=nodes, states=states, start_s=nodes[0], end_s=nodes[-1], method=method, window=6)
+    for where in np.linspace(nodes[0], nodes[-1], 47)[1:-1]:
+        first = int(np.clip(np.searchsorted(nodes, where) - 3, 0, 24))
+        mine = slice(first, first + 6)
+        found = segment.evaluate(np.array([where]))[0]
+        if method == "lagrange":
+            expected = BarycentricInterpolator(nodes[mine], states[mine])(where)
+        else:
+            points = np.repeat(nodes[mine], 2)
+            values = np.stack([states[mine, :3], states[mine, 3:] * DAY], axis=1).reshape(-1, 3)
+            curve = KroghInterpolator((points - where) / DAY, values)
+            expected = np.concatenate([curve(0.0), curve.derivative(0.0) / DAY])
+        np.testing.assert_allclose(found[:3], expected[:3], rtol=0.0, atol=1e-6)
+        np.testing.assert_allclose(found[3:], expected[3:], rtol=0.0, atol=1e-10)
 
 
 def test_a_table_gives_its_points_and_the_orbit_between_them(ephemeris, epoch):
