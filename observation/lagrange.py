@@ -1,15 +1,17 @@
 """Spacecraft about the collinear libration points of the Sun and the Earth-Moon system."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
+from nebosvod.dynamics.compilation import kernel
 from nebosvod.dynamics.constants import AU_KM
 from nebosvod.errors import InputError
 from nebosvod.observation.contracts import Array, Ephemeris
 from nebosvod.timescale import Epoch
 
-VELOCITY_STEP_S = 1800.0  # of the differences for the velocity: truncation 1e-9 km/s, round-off 2e-11
+TILT_STEP_S = 3600.0  # of the difference for the tilt of the orbit of the Earth: truncation 1e-5 of 1e-12 rad/s
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -56,35 +58,61 @@ class LibrationOrbit:
         return "sun"
 
     def state_km_km_s(self, ephemeris: Ephemeris, epoch: Epoch, t_s: Array) -> Array:
-        """Barycentric ICRF states (n, 6); the velocity by differences, since the frame turns with the Earth."""
-        h = VELOCITY_STEP_S
-        place = self._position(ephemeris, epoch, np.concatenate([t_s, t_s - 2 * h, t_s - h, t_s + h, t_s + 2 * h]))
-        here, far_back, back, ahead, far_ahead = place.reshape(5, -1, 3)
-        return np.concatenate([here, (8.0 * (ahead - back) - (far_ahead - far_back)) / (12.0 * h)], axis=1)
+        """Barycentric ICRF states (n, 6)."""
+        moments = np.concatenate([t_s, t_s - TILT_STEP_S, t_s + TILT_STEP_S])
+        sun = ephemeris.state_km_km_s("sun", epoch, moments).reshape(3, -1, 6)
+        pair = ephemeris.state_km_km_s("emb", epoch, moments).reshape(3, -1, 6)
+        gm = ephemeris.gm_km3_s2
+        mass = gm["earth"] + gm["moon"]
+        total = gm["sun"] + mass
+        gamma, frequency, kappa = linear_motion(mass / total, self.point)
+        rate = frequency * np.sqrt(total / AU_KM**3)
+        angle = rate * (t_s - (self.elements_epoch - epoch))
+        scale = gamma if self.point == "L2" else -gamma
+        swing = np.array([self.amplitude_km, self.amplitude_km / kappa, self.phase_rad])
+        tilt = np.array([self.amplitude_z_km, self.phase_z_rad])
+        states = np.empty((t_s.size, 6))
+        _halo(sun, pair, scale, rate, angle, swing, tilt, states)
+        return states
 
-    def _position(self, ephemeris: Ephemeris, epoch: Epoch, t_s: Array) -> Array:
-        """Barycentric positions (n, 3)."""
-        earth, moon = ephemeris.gm_km3_s2["earth"], ephemeris.gm_km3_s2["moon"]
-        sun = ephemeris.state_km_km_s("sun", epoch, t_s)
-        pair = (
-            earth * ephemeris.state_km_km_s("earth", epoch, t_s) + moon * ephemeris.state_km_km_s("moon", epoch, t_s)
-        ) / (earth + moon)
-        line, velocity = pair[:, :3] - sun[:, :3], pair[:, 3:] - sun[:, 3:]
-        distance = np.linalg.norm(line, axis=1, keepdims=True)
-        x = line / distance
-        z = np.cross(line, velocity)
-        z /= np.linalg.norm(z, axis=1, keepdims=True)
-        total = ephemeris.gm_km3_s2["sun"] + earth + moon
-        gamma, frequency, kappa = linear_motion((earth + moon) / total, self.point)
-        mean_motion = np.sqrt(total / AU_KM**3)
-        angle = frequency * mean_motion * (t_s - (self.elements_epoch - epoch))
-        along = -self.amplitude_km / kappa * np.cos(angle + self.phase_rad)
-        across = self.amplitude_km * np.sin(angle + self.phase_rad)
-        out = self.amplitude_z_km * np.cos(angle + self.phase_z_rad)
-        side = -1.0 if self.point == "L1" else 1.0
-        base = pair[:, :3] + side * gamma * distance * x
-        place: Array = base + along[:, None] * x + across[:, None] * np.cross(z, x) + out[:, None] * z
-        return place
+
+@kernel
+def _halo(
+    sun: Array, pair: Array, scale: float, rate: float, angle: Array, swing: Array, tilt: Array, states: Array
+) -> None:
+    """States (n, 6) on the periodic solution, in axes that turn with the line from the Sun to the pair.
+
+    sun, pair (3, n, 6) are barycentric at the times, a step before and a step after. With h = r x v of the line,
+    x = r/r, z = h/h, y = z x x the axes turn by x' = w y, y' = q z - w x, z' = -q y: w = h/r^2, and q = r a_z / h of
+    the acceleration a_z out of the plane, which planets and the Moon cause: 5e-6 of w at most, so a difference will do.
+    """
+    r, v, x, y, z = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    for e in range(states.shape[0]):
+        for i in range(3):
+            r[i], v[i] = pair[0, e, i] - sun[0, e, i], pair[0, e, 3 + i] - sun[0, e, 3 + i]
+        distance = math.sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2])
+        _cross(r, v, z)
+        h = math.sqrt(z[0] * z[0] + z[1] * z[1] + z[2] * z[2])
+        pull = 0.0
+        for i in range(3):
+            x[i], z[i] = r[i] / distance, z[i] / h
+            pull += z[i] * ((pair[2, e, 3 + i] - sun[2, e, 3 + i]) - (pair[1, e, 3 + i] - sun[1, e, 3 + i]))
+        _cross(z, x, y)
+        w, q = h / (distance * distance), distance / h * pull / (2.0 * TILT_STEP_S)
+        sin, cos = math.sin(angle[e] + swing[2]), math.cos(angle[e] + swing[2])
+        along, along_rate = -swing[1] * cos, swing[1] * rate * sin
+        across, across_rate = swing[0] * sin, swing[0] * rate * cos
+        out, out_rate = tilt[0] * math.cos(angle[e] + tilt[1]), -tilt[0] * rate * math.sin(angle[e] + tilt[1])
+        to_x, to_y, to_z = along_rate - w * across, across_rate + w * along - q * out, out_rate + q * across
+        for i in range(3):
+            states[e, i] = pair[0, e, i] + scale * r[i] + along * x[i] + across * y[i] + out * z[i]
+            states[e, 3 + i] = pair[0, e, 3 + i] + scale * v[i] + to_x * x[i] + to_y * y[i] + to_z * z[i]
+
+
+@kernel
+def _cross(a: Array, b: Array, c: Array) -> None:
+    """c = a x b."""
+    c[0], c[1], c[2] = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 def linear_motion(mu: float, point: str) -> tuple[float, float, float]:

@@ -162,12 +162,15 @@ class TestLibration:
         crossings = np.count_nonzero(np.diff(np.sign(along)))
         assert crossings == 4  # two revolutions a year
 
-    def test_its_velocity_is_the_derivative_of_its_position(self, ephemeris, epoch, support):
-        orbit = LibrationOrbit(point="L1", elements_epoch=epoch, amplitude_km=6e5, amplitude_z_km=3e5)
-        t_s = np.linspace(0.0, 100.0, 20) * DAY
+    @pytest.mark.parametrize("point", ["L1", "L2"])
+    def test_its_velocity_is_the_derivative_of_its_position(self, ephemeris, epoch, support, point):
+        size = {"amplitude_km": 6e5, "amplitude_z_km": 3e5, "phase_rad": 0.4, "phase_z_rad": 2.0}
+        orbit = LibrationOrbit(point=point, elements_epoch=epoch, **size)
+        t_s = np.linspace(0.0, 365.0, 200) * DAY
         state = orbit.state_km_km_s(ephemeris, epoch, t_s)
-        numeric = support.derivative(lambda h: orbit.state_km_km_s(ephemeris, epoch, t_s + h)[:, :3], 600.0)
-        np.testing.assert_allclose(state[:, 3:], numeric, rtol=0.0, atol=2e-9)
+        numeric = support.derivative(lambda h: orbit.state_km_km_s(ephemeris, epoch, t_s + h)[:, :3], 3600.0)
+        # 1.5e8 km carry 3e-8 km, over two hours: 1e-11; the planets tilt the orbit, worth 3e-7
+        np.testing.assert_allclose(state[:, 3:], numeric, rtol=0.0, atol=5e-11)
 
 
 def test_the_epoch_of_elements_and_the_epoch_of_times_are_independent(ephemeris, epoch):
