@@ -10,6 +10,7 @@ from nebosvod.fit.answer import ARCSEC, Answer, station_rows
 from nebosvod.fit.orbit import ELEMENTS, OrbitAt
 from nebosvod.prior import STATE_NAMES
 from nebosvod.result import Table
+from nebosvod.summary import estimator_row
 
 Array = npt.NDArray[np.float64]
 Arrays = dict[str, npt.NDArray[Any]]
@@ -21,6 +22,12 @@ def all_tables(found: Answer) -> dict[str, Table]:
     orbits = [one for one in (found.amid, found.orbit, *found.further) if one is not None]
     if orbits:
         tables["orbit"] = orbit_table(orbits)
+    beside = estimator_row(found.fit.general.scene, found.fit.priors, found.fit.general.fit)["parameters"]
+    if beside:
+        tables["parameters"] = _rows(
+            [{"name": name, **row} for name, row in beside.items()],
+            "Numbers beside the state before and after the fit, units in the names; sigma of what is only considered",
+        )
     if found.budget:
         keys = ("source", "sigma_position_km", "sigma_velocity_m_s", "share_position", "share_velocity")
         tables["budget"] = _rows(

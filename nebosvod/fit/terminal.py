@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from nebosvod.errors import counted
+from nebosvod.fit.condensed import condensed, foremost
 
 STATIONS_SHOWN = 8
 REJECTED_SHOWN = 8
@@ -100,13 +101,13 @@ def _state_lines(summary: Mapping[str, Any]) -> Iterator[str]:
     true, formal = orbit["sigma_position_km"], orbit["sigma_formal_position_km"]
     if abs(true / formal - 1.0) > 0.01:
         yield f"without what is only considered: {_number(formal)} km; the sigmas above count it"
-    found = {name: row for name, row in summary["estimators"][0]["parameters"].items() if row["sigma"] > 0.0}
-    worst_first = sorted(found.items(), key=lambda item: -abs(item[1]["estimate"]) / item[1]["sigma"])
-    for name, row in worst_first[:PARAMETERS_SHOWN]:
+    shown, rest = foremost(summary["estimators"][0]["parameters"], summary["telescopes"], PARAMETERS_SHOWN)
+    for name, row in shown.items():
         known = "" if row["prior_sigma"] is None else f" (before: {_number(row['prior_sigma'])})"
         yield f"  {name}: {row['estimate']:.4g} +- {row['sigma']:.2g}{known}"
-    if len(found) > PARAMETERS_SHOWN:
-        yield f"  {len(found) - PARAMETERS_SHOWN} more, each nearer to zero in its sigmas"
+    if rest:
+        others, nearer = ("other number", ", nearer to zero in its sigmas") if shown else ("number", "")
+        yield f"  {counted(len(rest), others)} of stations{nearer} (all in tables/parameters.ecsv)"
 
 
 def _stations(fit: Mapping[str, Any]) -> Table:
@@ -145,12 +146,14 @@ def _budget(summary: Mapping[str, Any]) -> Iterator[str]:
     rows = summary["budget"]
     if not rows:
         return
-    yield "What is to blame for the position sigma amid the arc"
-    for row in rows[:BUDGET_SHOWN]:
-        yield f"  {row['source']:<34} {100.0 * row['share_position']:5.1f} %  {_number(row['sigma_position_km']):>9} km"
-    rest = sum(row["share_position"] for row in rows[BUDGET_SHOWN:])
-    if len(rows) > BUDGET_SHOWN:
-        yield f"  {f'{len(rows) - BUDGET_SHOWN} more':<34} {100.0 * rest:5.1f} %"
+    parts = condensed(rows, summary["telescopes"], BUDGET_SHOWN)
+    width = max(34, *(len(part.source) for part in parts))
+    yield "What is to blame for the position sigma amid the arc (all in tables/budget.ecsv)"
+    for part in parts:
+        yield (
+            f"  {part.source:<{width}} {100.0 * part.share('share_position'):5.1f} %  "
+            f"{_number(part.sigma('sigma_position_km')):>9} km"
+        )
 
 
 def _predictions(summary: Mapping[str, Any]) -> Iterator[str]:

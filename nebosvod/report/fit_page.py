@@ -7,12 +7,12 @@ from markupsafe import Markup
 from nebosvod.report import fit_figures, fit_tables
 from nebosvod.report.base import render
 from nebosvod.report.ellipses import ellipse_plate
+from nebosvod.report.facts import grouped
 from nebosvod.report.folder import Item, RunFolder, read_folder
 from nebosvod.report.tables import Cell
-from nebosvod.report.wording import count, moment, number, quantity
+from nebosvod.report.wording import count, join, moment, number, quantity
 
 TONES = {"converged": "good"}
-MOST = 12  # sources of the budget shown at once
 
 
 def make_fit_report(folder: Path) -> str:
@@ -49,12 +49,11 @@ def make_fit_report(folder: Path) -> str:
         tables={
             "elements": None if orbit is None else fit_tables.elements(orbit),
             "state": None if orbit is None else fit_tables.state(orbit),
-            "parameters": fit_tables.parameters(run.estimators[0]),
+            "parameters": fit_tables.parameters(run.estimators[0], run.telescopes),
             "stations": fit_tables.stations(fit),
             "rejected": fit_tables.rejected(fit),
             "weights": fit_tables.weights(fit),
-            "budget": fit_tables.budget(list(summary["budget"])[:MOST]),
-            "budget_rest": fit_tables.budget(list(summary["budget"])[MOST:]),
+            "budget": fit_tables.budget(list(summary["budget"]), run.telescopes),
             "reference": None if reference is None else fit_tables.reference(reference),
         },
         reference=reference,
@@ -89,6 +88,11 @@ def _rejected(n: int) -> str:
     return f"{count(n, 'observation')} {'was rejected,' if n == 1 else 'were rejected, each'} with its chi below."
 
 
+def _of_stations(kind: str, n: int) -> str:
+    """`bias (60 stations)`."""
+    return f"{kind} ({count(n, 'station')})"
+
+
 def _answers(run: RunFolder, fit: Item) -> list[tuple[str, list[Cell]]]:
     """Sentences made from numbers: how it ended, how well it agrees, what is to blame."""
     said: list[tuple[str, list[Cell]]] = [("How it ended", [fit["message"], f"The orbit started from {fit['start']}."])]
@@ -109,14 +113,11 @@ def _answers(run: RunFolder, fit: Item) -> list[tuple[str, list[Cell]]]:
     said.append(("How well the observations agree", agree))
     budget = run.summary["budget"]
     if budget:
-        kinds: dict[str, float] = {}
-        for row in budget:
-            name = row["source"]
-            kind = "measurement noise" if name.startswith("measurement noise") else name
-            kinds[kind] = kinds.get(kind, 0.0) + row["share_position"]
-        parts = sorted(kinds.items(), key=lambda item: -item[1])[:3]
-        text = ", ".join(f"{kind} {100.0 * share:.0f} %" for kind, share in parts)
-        said.append(("What is to blame for the position sigma", [text + " of its variance."]))
+        kinds = grouped([(row["source"], row["share_position"]) for row in budget], run.telescopes)
+        text = join(
+            f"{kind if n == 1 else _of_stations(kind, n)} {100.0 * share:.0f} %" for kind, share, n in kinds[:3]
+        )
+        said.append(("What is to blame for the position sigma", [Markup("{} of its variance.").format(text)]))
     reference = run.summary["reference_orbit"]
     if reference is not None:
         said.append((f"Against {reference['name']}", [

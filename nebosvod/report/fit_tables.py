@@ -2,10 +2,13 @@
 
 from markupsafe import Markup
 
+from nebosvod.errors import counted
+from nebosvod.fit.condensed import condensed, foremost
 from nebosvod.report.folder import Item
 from nebosvod.report.tables import Cell, Table
 from nebosvod.report.wording import DASH, percent, quantity
 
+MOST = 10  # sources, and numbers of stations, by themselves
 REJECTED = 60  # shown; residuals.ecsv has them all
 ELEMENTS = (
     ("a_au", "semi-major axis a", "au"), ("e", "eccentricity e", ""), ("q_au", "perihelion distance q", "au"),
@@ -56,16 +59,21 @@ def state(orbit: Item) -> Table:
     )
 
 
-def parameters(estimator: Item) -> Table | None:
-    """What else was estimated or considered, before and after."""
+def parameters(estimator: Item, stations: list[str]) -> Table | None:
+    """What else was estimated or considered, before and after: of stations, the farthest from zero."""
+    shown, others = foremost(estimator["parameters"], stations, MOST)
     rows: list[tuple[Cell, ...]] = []
-    for name, row in estimator["parameters"].items():
+    for name, row in shown.items():
         before = DASH if row["prior_sigma"] is None else f"{row['prior_sigma']:.3g}"
         rows.append((name.replace("_", " "), f"{row['estimate']:.4g}", f"{row['sigma']:.2g}", before))
+    if others:
+        words = "other number" if rows else "number"
+        rows.append((f"{counted(len(others), words)} of stations", "nearer to zero" if rows else "", "", ""))
     if not rows:
         return None
     return Table(
-        caption="Beside the state: value, 1 sigma after and before the fit, units in the names",
+        caption="Beside the state: value, 1 sigma after and before the fit, units in the names"
+        + ("; all of them in tables/parameters.ecsv" if others else ""),
         head=("", "value", "1 sigma", "before"),
         align="lrrr",
         rows=tuple(rows),
@@ -118,22 +126,23 @@ def weights(fit: Item) -> Table:
     return Table(caption="Where the sigmas came from", head=("rule", "observations"), align="lr", rows=rows)
 
 
-def budget(rows: list[Item]) -> Table | None:
-    """What each source contributes to the state amid the arc."""
+def budget(rows: list[Item], stations: list[str]) -> Table | None:
+    """What each source contributes to the state amid the arc: the largest, then the other stations together."""
     if not rows:
         return None
     return Table(
-        caption="Share of each source in the variance of the position at the epoch of the fit, and its sigmas alone",
+        caption="Share of each source in the variance of the position at the epoch of the fit, and its sigmas alone"
+        + ("; all of them in tables/budget.ecsv" if len(rows) > MOST else ""),
         head=("source", "share of position", "position", "velocity"),
         align="lrrr",
         rows=tuple(
             (
-                row["source"],
-                percent(row["share_position"]),
-                quantity(row["sigma_position_km"], "km"),
-                quantity(row["sigma_velocity_m_s"], "m_s"),
+                part.source,
+                percent(part.share("share_position")),
+                quantity(part.sigma("sigma_position_km"), "km"),
+                quantity(part.sigma("sigma_velocity_m_s"), "m_s"),
             )
-            for row in rows
+            for part in condensed(rows, stations, MOST)
         ),
     )
 
