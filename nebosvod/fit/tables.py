@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from nebosvod.blame import REMEDIES
 from nebosvod.fit.answer import ARCSEC, Answer, station_rows
 from nebosvod.fit.orbit import ELEMENTS, OrbitAt
 from nebosvod.prior import STATE_NAMES
@@ -31,8 +32,13 @@ def all_tables(found: Answer) -> dict[str, Table]:
     if found.budget:
         keys = ("source", "sigma_position_km", "sigma_velocity_m_s", "share_position", "share_velocity")
         tables["budget"] = _rows(
-            [{key: row[key] for key in keys} for row in found.budget],
-            "What each source contributes to the state at the epoch of the fit; squares of the sigmas add up",
+            [
+                {key: row[key] for key in keys}
+                | {f"sigma_position_km_{then}": row[then]["sigma_position_km_same_gain"] for then in REMEDIES}
+                for row in found.budget
+            ],
+            "What each source contributes to the state at the epoch of the fit; squares of the sigmas add up; what the "
+            "position sigma would be if the source vanished or halved and the weights stayed as they are",
         )
     return tables
 

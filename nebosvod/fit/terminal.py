@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from nebosvod.errors import counted
-from nebosvod.fit.condensed import condensed, foremost
+from nebosvod.fit.condensed import condensed, foremost, without
 
 STATIONS_SHOWN = 8
 REJECTED_SHOWN = 8
@@ -149,11 +149,11 @@ def _budget(summary: Mapping[str, Any]) -> Iterator[str]:
     parts = condensed(rows, summary["telescopes"], BUDGET_SHOWN)
     width = max(34, *(len(part.source) for part in parts))
     yield "What is to blame for the position sigma amid the arc (all in tables/budget.ecsv)"
+    yield f"  {'':<{width}}   share        alone   if vanished"
     for part in parts:
-        yield (
-            f"  {part.source:<{width}} {100.0 * part.share('share_position'):5.1f} %  "
-            f"{_number(part.sigma('sigma_position_km')):>9} km"
-        )
+        alone, rest = part.sigma("sigma_position_km"), without(rows, part, "sigma_position_km")
+        share = 100.0 * part.share("share_position")
+        yield f"  {part.source:<{width}} {share:5.1f} % {_number(alone):>9} km  {_number(rest):>9} km"
 
 
 def _predictions(summary: Mapping[str, Any]) -> Iterator[str]:

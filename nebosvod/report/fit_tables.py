@@ -3,7 +3,7 @@
 from markupsafe import Markup
 
 from nebosvod.errors import counted
-from nebosvod.fit.condensed import condensed, foremost
+from nebosvod.fit.condensed import condensed, foremost, without
 from nebosvod.report.folder import Item
 from nebosvod.report.tables import Cell, Table
 from nebosvod.report.wording import DASH, percent, quantity
@@ -131,16 +131,19 @@ def budget(rows: list[Item], stations: list[str]) -> Table | None:
     if not rows:
         return None
     return Table(
-        caption="Share of each source in the variance of the position at the epoch of the fit, and its sigmas alone"
+        caption="Share of each source in the variance of the position at the epoch of the fit, its sigmas alone, and "
+        "what would remain of the position sigma if it vanished or halved and the weights stayed as they are (exact)"
         + ("; all of them in tables/budget.ecsv" if len(rows) > MOST else ""),
-        head=("source", "share of position", "position", "velocity"),
-        align="lrrr",
+        head=("source", "share of position", "position", "velocity", "position if vanished", "if halved"),
+        align="lrrrrr",
         rows=tuple(
             (
                 part.source,
                 percent(part.share("share_position")),
                 quantity(part.sigma("sigma_position_km"), "km"),
                 quantity(part.sigma("sigma_velocity_m_s"), "m_s"),
+                quantity(without(rows, part, "sigma_position_km"), "km"),
+                quantity(without(rows, part, "sigma_position_km", 0.5), "km"),
             )
             for part in condensed(rows, stations, MOST)
         ),

@@ -287,3 +287,18 @@ def test_the_object_to_fit_may_be_named_in_any_form(tmp_path, name):
     assert main(["fit", str(both), "--object", name, "--to", "2023-03-04", "-o", str(tmp_path / "run")]) == 0
     summary = json.loads((tmp_path / "run" / "summary.json").read_text("utf-8"))
     assert summary["object"] == "2023 DW"
+
+
+def test_what_would_remain_without_a_source_stands_in_summary_table_and_page(compared):
+    summary, folder = compared
+    total = summary["orbit"]["sigma_position_km"]
+    for row in summary["budget"]:
+        remains = row["if_vanished"]["sigma_position_km_same_gain"]
+        assert remains == pytest.approx(total * np.sqrt(max(1.0 - row["share_position"], 0.0)), rel=1e-9)
+    table = [line for line in (folder / "run/tables/budget.ecsv").read_text("utf-8").splitlines() if line[:1] != "#"]
+    assert table[0].split()[-2:] == ["sigma_position_km_if_vanished", "sigma_position_km_if_halved"]
+    assert float(table[1].split()[-2]) == summary["budget"][0]["if_vanished"]["sigma_position_km_same_gain"]
+    page = (folder / "run" / "report.html").read_text("utf-8")
+    assert "position if vanished" in page
+    shown = float(page.split('<section id="budget">')[1].split('<data value="')[4].split('"')[0])
+    assert shown == pytest.approx(summary["budget"][0]["if_vanished"]["sigma_position_km_same_gain"], rel=1e-9)
