@@ -11,7 +11,7 @@ from nebosvod.dynamics.constants import DAY_S, RADIUS_KM
 from nebosvod.dynamics.encounter import Encounter, closest_approaches
 from nebosvod.dynamics.trajectory import Trajectory
 from nebosvod.dynamics.twobody import kepler
-from nebosvod.errors import GeometryError, InputError
+from nebosvod.errors import EventError, GeometryError, InputError
 from nebosvod.timescale import Epoch
 
 Array = np.ndarray
@@ -58,6 +58,31 @@ def test_finder_on_jpls_own_trajectory(ephemeris: Ephemeris, apophis: Callable[[
     assert 37990.0 < np.linalg.norm(state[:3]) < 38030.0
 
 
+def line(t: Array) -> Array:
+    """Past the centre at 3 km in a straight line, closest at t = 100/7 s."""
+    x = 0.7 * (np.asarray(t) - 100.0 / 7.0)
+    return np.stack([x, 3.0 + 0.0 * x, 0.0 * x, 0.7 + 0.0 * x, 0.0 * x, 0.0 * x], axis=1)
+
+
+@pytest.mark.parametrize("times", [[-1e5, 1e6], [0.0, 14.0, 15.0, 20.0], [-50.0, 100.0 / 7.0, 50.0]])
+def test_a_straight_line_is_closest_where_geometry_says(times: list[float]) -> None:
+    """2e-6 s, whatever brackets the minimum; one that falls on a sample is found once."""
+    ((t, state),) = closest_approaches(line, np.array(times))
+    assert t == pytest.approx(100.0 / 7.0, abs=2e-6)
+    assert np.linalg.norm(state[:3]) == pytest.approx(3.0, abs=1e-11)
+
+
+def test_minima_are_found_and_maxima_are_not() -> None:
+    """2e-6 s: an ellipse about its centre has two of each in a turn."""
+
+    def ellipse(t: Array) -> Array:
+        c, s = np.cos(t), np.sin(t)
+        return np.stack([2.0 * c, s, 0.0 * t, -2.0 * s, c, 0.0 * t], axis=1)
+
+    found = [t for t, _ in closest_approaches(ellipse, np.linspace(0.0, 6.2, 9))]
+    assert found == pytest.approx([np.pi / 2, 3 * np.pi / 2], abs=2e-6)
+
+
 def test_own_trajectory_meets_the_earth_where_jpls_does(flyby: Encounter) -> None:
     """0.1 km and 0.1 s, with the default forces: 38,011.45 km at 21:46:12.75."""
     assert flyby.distance_km == pytest.approx(38011.45, abs=0.1)
@@ -77,6 +102,78 @@ def test_every_minimum_is_a_minimum(flight: Trajectory) -> None:
         for e in find_encounters(flight, body):
             assert abs(e.state[:3] @ e.state[3:]) < 1e-5 * e.distance_km * e.speed_km_s
             assert e.distance_km == pytest.approx(np.linalg.norm(e.state[:3]))
+
+
+@pytest.mark.parametrize(("share", "body", "wanted"), [(0.999, "earth", True), (1.001, "earth", False)])
+def test_impact_is_a_distance_below_the_radius(flyby: Encounter, share: float, body: str, wanted: bool) -> None:
+    """6378 km: DE440's equatorial radius; an asteroid that perturbs is a point and is not hit."""
+    for name, answer in ((body, wanted), ("ceres", False)):
+        e = Encounter(
+            body=name, epoch=flyby.epoch, t_s=0.0, distance_km=share * 6378.1366, speed_km_s=9.0, state=flyby.state
+        )
+        assert e.impact is answer
+
+
+def test_every_perigee_of_a_fast_satellite_is_found(ephemeris: Ephemeris) -> None:
+    """Nine in 46 hours, a period of Kepler apart (1 %: J2), though a sample of half a day would see one or two."""
+    epoch = Epoch.parse("2030-05-01T00:00:00 TDB")
+    earth = (ephemeris.state_km_km_s("earth", epoch, 0.0) - ephemeris.state_km_km_s("sun", epoch, 0.0))[0]
+    gm, a, lowest = ephemeris.gm_km3_s2["earth"], 15000.0, 9000.0
+    speed = np.sqrt(gm * (2.0 / lowest - 1.0 / a))
+    start = earth + np.array([lowest, 0.0, 0.0, 0.0, 0.6 * speed, 0.8 * speed])
+    period = 2.0 * np.pi * np.sqrt(a**3 / gm)
+    arc = propagate(start, epoch, [9.1 * period], ForceModel(ephemeris=ephemeris), False, margin_s=0.0)
+    times = np.array([e.t_s for e in find_encounters(arc, "earth") if e.t_s > 0.5 * period])
+    assert len(times) == 9
+    assert np.diff(times) == pytest.approx(np.full(8, period), rel=0.01)
+
+
+def test_fast_planet_is_met_although_the_steps_are_long(ephemeris: Ephemeris) -> None:
+    """Each approach of Mercury in five years to an orbit at 40 au, as a daily scan finds them; a step is 100 days."""
+    epoch = Epoch.parse("2030-05-01T00:00:00 TDB")
+    start = np.array([5.7e9, 1.3e9, 3e8, -1.1, 4.6, 0.4])
+    arc = propagate(start, epoch, [1826.0 * DAY_S], ForceModel(ephemeris=ephemeris), False, margin_s=0.0)
+    assert np.median(np.diff(arc.step_edges_s)) > 60.0 * DAY_S
+    t = np.arange(0.0, 1826.0) * DAY_S
+    mercury, sun = (ephemeris.state_km_km_s(body, epoch, t)[:, :3] for body in ("mercury", "sun"))
+    distance = np.linalg.norm(arc.state_at(t)[:, :3] - (mercury - sun), axis=1)
+    low = t[1:-1][(distance[1:-1] < distance[:-2]) & (distance[1:-1] < distance[2:])]
+    found = find_encounters(arc, "mercury")
+    assert len(found) == len(low) > 15
+    assert np.abs(np.array([e.t_s for e in found]) - low).max() < DAY_S
+    middle = found[len(found) // 2].distance_km
+    assert len(find_encounters(arc, "mercury", middle)) == sum(e.distance_km <= middle for e in found) < len(found)
+
+
+def dive(ephemeris: Ephemeris, body: str, epoch: Epoch, depth: float, sign: float) -> tuple[Array, float, float]:
+    """A state before (sign +1) or after a pericentre at `depth` radii, how long before, and from when it is below."""
+    gm, radius = ephemeris.gm_km3_s2[body], RADIUS_KM[body]
+    lead, q = 3.0 * np.sqrt(radius**3 / gm), depth * radius
+    speed = np.sqrt(2.2 * gm / q + 9.0)
+    relative = kepler([0.0, q, 0.0, 0.8 * speed, 0.0, 0.6 * speed], [-sign * lead], gm)[0]
+    a = 1.0 / (speed**2 / gm - 2.0 / q)
+    e, F = 1.0 + q / a, np.arccosh(max((radius / a + 1.0) / (1.0 + q / a), 1.0))
+    inside = (e * np.sinh(F) - F) * np.sqrt(a**3 / gm)  # from the surface to the pericentre
+    place = ephemeris.state_km_km_s(body, epoch, 0.0) - ephemeris.state_km_km_s("sun", epoch, 0.0)
+    return place[0] + relative, sign * lead, float(lead - inside)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("body", RADIUS_KM)
+def test_one_percent_below_a_surface_is_a_hit_and_one_above_is_none(
+    ephemeris: Ephemeris, body: str, sign: float
+) -> None:
+    """Every body, on both legs; the time to 3 % of a fall through it, for the orbit is searched between samples."""
+    epoch = Epoch.parse("2030-05-01T00:00:00 TDB")
+    forces = ForceModel(ephemeris=ephemeris, asteroids=False)
+    above, lead, _ = dive(ephemeris, body, epoch, 1.01, sign)
+    assert propagate(above, epoch, [2.0 * lead], forces, False).state.shape == (1, 6)
+    below, lead, entry = dive(ephemeris, body, epoch, 0.99, sign)
+    with pytest.raises(EventError, match=f"hits {body} at about .*, radius {RADIUS_KM[body]:.0f} km") as caught:
+        propagate(below, epoch, [2.0 * lead], forces, False)
+    if sign > 0.0:
+        reported = Epoch.parse(str(caught.value).split("about ")[1].split(": ")[0]) - epoch
+        assert reported == pytest.approx(entry, abs=0.03 * abs(lead) / 3.0)
 
 
 def test_b_plane_point_is_where_the_asymptote_would_pass(
@@ -115,23 +212,27 @@ def test_axes_are_right_handed_and_zeta_points_against_the_earths_motion(
     assert axes[2] @ (earth - sun) < 0.0
 
 
-def crossing(flight: Trajectory, kind: Any, nominal: Any) -> Array:
-    """Coordinates of another orbit in the nominal axes: by its own hyperbola, or by its own crossing of the plane."""
+def plane_point(flight: Trajectory, kind: Any, axes: Array) -> Array:
+    """Coordinates of an orbit in given axes, by its own hyperbola or its own crossing of the plane.
+
+    The asymptote in closed form, (k h x e + e)/(1 + k^2) with k = v_inf |h|/GM and h a unit vector (Battin, 1999, 4.4).
+    """
     (e,) = find_encounters(flight, "earth", 1e6)
-    state = e.state
-    ephemeris = flight.forces.ephemeris
-    gm = ephemeris.gm_km3_s2["earth"]
+    ephemeris, r, v, t = flight.forces.ephemeris, e.state[:3], e.state[3:], e.t_s
     if kind == "b_plane":
-        speed2 = state[3:] @ state[3:] - 2.0 * gm / e.distance_km
-        far = kepler(state, [-3e12], gm)[0, 3:]
-        inward = far / np.linalg.norm(far)
-        return nominal.axes[[0, 2]] @ np.cross(inward, np.cross(state[:3], state[3:])) / np.sqrt(speed2)
-    t = e.t_s
+        gm = ephemeris.gm_km3_s2["earth"]
+        h = np.cross(r, v)
+        ecc, speed = np.cross(v, h) / gm - r / e.distance_km, np.sqrt(v @ v - 2.0 * gm / e.distance_km)
+        k = speed * np.linalg.norm(h) / gm
+        S = (k * np.cross(h, ecc) / np.linalg.norm(h) + ecc) / (1.0 + k * k)
+        point: Array = axes[[0, 2]] @ np.cross(S, h) / speed
+        return point
     for _ in range(6):
-        earth, sun = (ephemeris.state_km_km_s(body, EPOCH, t)[0] for body in ("earth", "sun"))
-        state = flight.state_at([t])[0] - (earth - sun)
-        t -= (state[:3] @ nominal.axes[1]) / (state[3:] @ nominal.axes[1])
-    return nominal.axes[[0, 2]] @ state[:3]
+        earth, sun = (ephemeris.state_km_km_s(body, flight.epoch, t)[0] for body in ("earth", "sun"))
+        r, v = np.split(flight.state_at([t])[0] - (earth - sun), 2)
+        t -= (r @ axes[1]) / (v @ axes[1])
+    point = axes[[0, 2]] @ r
+    return point
 
 
 @pytest.mark.parametrize("kind", ["b_plane", "mtp"])
@@ -144,7 +245,8 @@ def test_partials_follow_finite_differences_of_the_crossing(
         step = np.zeros(6)
         step[column] = 5.0 if column < 3 else 1e-6
         ahead, behind = (
-            crossing(propagate(start + s * step, EPOCH, [END_S], forces, False), kind, plane) for s in (1.0, -1.0)
+            plane_point(propagate(start + s * step, EPOCH, [END_S], forces, False), kind, plane.axes)
+            for s in (1.0, -1.0)
         )
         wanted = plane.partials_state[:, column]
         error = np.abs((ahead - behind) / (2.0 * step[column]) - wanted).max()
@@ -153,8 +255,8 @@ def test_partials_follow_finite_differences_of_the_crossing(
         value = forces.values[column]
         size = {"a1_au_d2": 3e-12, "a2_au_d2": 1e-12}[name]
         ahead, behind = (
-            crossing(propagate(start, EPOCH, [END_S], forces.with_values({name: value + s * size}), False), kind, plane)
-            for s in (1.0, -1.0)
+            plane_point(propagate(start, EPOCH, [END_S], forces.with_values({name: v}), False), kind, plane.axes)
+            for v in (value + size, value - size)
         )
         error = np.abs((ahead - behind) / (2.0 * size) - plane.partials_parameters[:, column]).max()
         assert error < 2e-5 * np.abs(plane.partials_parameters[:, column]).max(), name
@@ -176,6 +278,60 @@ def test_perigee_partials_follow_finite_differences(
         )
         difference = (ahead.distance_km - behind.distance_km) / (2.0 * step[column])
         assert difference == pytest.approx(by_state[column], abs=2e-5 * np.abs(by_state[3 * (column // 3) :]).max())
+
+
+MEET_S = 30 * DAY_S
+LIGHT = ("a1_au_d2", "a2_au_d2")
+
+
+@pytest.fixture(scope="module")
+def slow(ephemeris: Ephemeris) -> tuple[Trajectory, Encounter]:
+    """1 km/s at infinity, 400,000 km away: there the tide of the Sun moves the plane's point while it is crossed."""
+    met = Epoch.parse("2030-05-21T00:00:00 TDB")
+    forces = ForceModel(ephemeris=ephemeris, nongrav=Nongrav(a1_au_d2=1e-9, a2_au_d2=1e-10), parameters=LIGHT)
+    earth = (ephemeris.state_km_km_s("earth", met, 0.0) - ephemeris.state_km_km_s("sun", met, 0.0))[0]
+    speed = np.sqrt(1.0 + 2.0 * ephemeris.gm_km3_s2["earth"] / 4e5)
+    closest = np.array([2.4e5, 2.56e5, 1.92e5, -0.8 * speed, 0.48 * speed, 0.36 * speed])
+    start = propagate(earth + closest, met, [-MEET_S], forces, False).state[0]
+    flight = propagate(start, met + (-MEET_S), [2.0 * MEET_S], forces)
+    (found,) = find_encounters(flight, "earth", 1e6)
+    assert found.distance_km == pytest.approx(4e5, abs=1e-6)
+    return flight, found
+
+
+@pytest.mark.parametrize("kind", ["b_plane", "mtp"])
+def test_partials_of_a_slow_encounter_hold_the_shift_of_its_time(slow: tuple[Trajectory, Encounter], kind: Any) -> None:
+    """2e-7 of each column (reached: 1e-8), where the eliminated time is 1 % of the b-plane's partials."""
+    flight, e = slow
+    plane, start = target_plane(flight, e, kind), flight.at([0.0]).state[0]
+    assert plane.coordinates_km == pytest.approx(plane_point(flight, kind, plane.axes), abs=1e-6)
+    assert plane.v_infinity_km_s == pytest.approx(1.0, abs=1e-12)
+    distance, by_state, by_parameters = perigee_distance(flight, e)
+    assert distance == e.distance_km
+    partials = np.vstack([plane.partials_state.T, plane.partials_parameters.T])
+    closer, values = np.concatenate([by_state, by_parameters]), flight.forces.values
+    for k, size in enumerate([5.0] * 3 + [3e-6] * 3 + [1e-11] * 2):
+        step = size * np.eye(8)[k]
+        ends = []
+        for move in (step, -step):
+            forces = flight.forces.with_values(dict(zip(LIGHT, values + move[6:])))
+            ends.append(propagate(start + move[:6], flight.epoch, [2.0 * MEET_S], forces, False))
+        ahead, behind = (plane_point(end, kind, plane.axes) for end in ends)
+        limit = np.abs(partials[k]).max()
+        assert np.abs((ahead - behind) / (2.0 * size) - partials[k]).max() < 2e-7 * limit, k
+        near = [find_encounters(end, "earth", 1e6)[0].distance_km for end in ends]
+        assert (near[0] - near[1]) / (2.0 * size) == pytest.approx(closer[k], abs=2e-7 * limit), k
+
+
+def test_planes_say_their_speed_at_infinity_and_what_they_capture(
+    ephemeris: Ephemeris, flight: Trajectory, flyby: Encounter
+) -> None:
+    """In the b-plane the radius is enlarged by focusing; the crossing of the mtp is a place, so the radius itself."""
+    b_plane, mtp = (target_plane(flight, flyby, kind) for kind in ("b_plane", "mtp"))
+    gm = ephemeris.gm_km3_s2["earth"]
+    assert mtp.v_infinity_km_s == b_plane.v_infinity_km_s
+    assert mtp.v_infinity_km_s**2 == pytest.approx(flyby.speed_km_s**2 - 2.0 * gm / flyby.distance_km, rel=1e-12)
+    assert mtp.capture_radius_km == RADIUS_KM["earth"]
 
 
 def test_captured_orbit_has_no_b_plane(flight: Trajectory, flyby: Encounter) -> None:
