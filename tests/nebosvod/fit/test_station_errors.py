@@ -104,6 +104,7 @@ def make_world(ephemeris, folder, spk, station):
     return SimpleNamespace(
         rows=rows, station=records.station, t_s=t_s, psi=psi, rate=residual(psi(second), psi(-second)) / 2.0, spk=spk,
         noise=SIGMA * rng.standard_normal((t_s.size, 2)), state=observers.state_km_km_s - sun,
+        ephemeris=ephemeris,
     )  # fmt: skip
 
 
@@ -272,16 +273,13 @@ def assert_as_dense(one, B, known, name, tolerance):
     share = np.trace(part[:3, :3]) / np.trace(true[:3, :3])
     row = next(row for row in one.summary["budget"] if row["source"] == name)
     assert row["share_position"] == pytest.approx(share, abs=tolerance)
-    assert share > 0.005, "the source must matter, or the test would prove nothing"
+    assert known or share > 0.02, "the source must matter, or the test would prove nothing"
 
 
 @pytest.mark.parametrize("treatment", ["estimated", "considered", "ignored"])
 @pytest.mark.parametrize("kind", KINDS)
-def test_errors_of_clocks_and_errors_correlated_in_time_are_those_of_dense_algebra(
-    fit, world, ephemeris, kind, treatment
-):
+def test_errors_of_clocks_and_errors_correlated_in_time_are_those_of_dense_algebra(fit, world, kind, treatment):
     words, covariance, name = KINDS[kind]
-    world.ephemeris = ephemeris
     one = fit(world, f"{{{words}treatment: {treatment}}}}}")
     # rates are differences over two seconds on an orbit that the noise has moved: 1e-5 of them
     assert_as_dense(one, covariance(world, one.arrays), treatment == "estimated", name, 1e-4)
