@@ -7,6 +7,7 @@ import pytest
 
 from nebosvod.dynamics import ForceModel, propagate, propagate_many
 from nebosvod.dynamics.constants import DAY_S
+from nebosvod.dynamics.twobody import kepler
 from nebosvod.errors import InputError
 from nebosvod.timescale import Epoch
 
@@ -77,6 +78,43 @@ def test_a_clone_that_hits_a_body_is_lost_and_the_others_go_on(full_forces: Forc
     assert "earth" in many.lost[29]
     assert np.isnan(many.state[29]).all()
     assert np.isfinite(many.state[:29]).all()
+
+
+def passing(forces: ForceModel, epoch: Epoch, lowest_km: list[float], lead_s: float) -> Array:
+    """States that pass the Earth's centre at these distances, lead_s after (or before) the epoch."""
+    gm = forces.ephemeris.gm_km3_s2["earth"]
+    earth, sun = (forces.ephemeris.state_km_km_s(body, epoch, 0.0)[0] for body in ("earth", "sun"))
+    rows = [kepler([0.0, q, 0.0, np.sqrt(25.0 + 2.0 * gm / q), 0.0, 0.0], [-lead_s], gm)[0] for q in lowest_km]
+    found: Array = np.array(rows) + earth - sun
+    return found
+
+
+@pytest.mark.parametrize("lead_s", [7200.0, -7200.0])
+def test_a_clone_below_the_surface_is_lost_though_the_middle_misses(full_forces: ForceModel, lead_s: float) -> None:
+    """78 km below the surface, on steps that suit its orbit: nothing but the search for impacts can tell."""
+    epoch = Epoch.parse("2030-05-01T00:00:00 TDB")
+    starts = passing(full_forces, epoch, [6480.0, 6300.0, 6480.0, 6470.0], lead_s)
+    many = propagate_many(starts, epoch, np.array([-14400.0, 14400.0]), full_forces)
+    assert list(many.lost) == [1]
+    assert "hits earth" in many.lost[1]
+    assert np.isnan(many.state[1]).all()
+    for k in (0, 2, 3):
+        one = propagate(starts[k], epoch, [-14400.0, 14400.0], full_forces, False, margin_s=0.0).state
+        assert np.abs(many.state[k] - one)[:, :3].max() < 1e-6
+
+
+def test_a_clone_that_flies_alone_keeps_its_parameters_and_the_tolerance(full_forces: ForceModel, neo: Neo) -> None:
+    """The bytes of `propagate` with the same arguments."""
+    epoch, start = neo
+    near = passing(full_forces, epoch, [60000.0], 5.0 * DAY_S)[0]
+    values = np.tile(full_forces.values, (20, 1))
+    values[-1, :2] = 1.0, 10.0  # a light ball
+    starts = np.vstack([cloud(start, 19), near])
+    many = propagate_many(starts, epoch, [-20.0 * DAY_S, 20.0 * DAY_S], full_forces, values, tolerance=1e-9)
+    own = full_forces.with_values(dict(zip(full_forces.parameters, values[-1])))
+    one = propagate(near, epoch, [-20.0 * DAY_S, 20.0 * DAY_S], own, False, tolerance=1e-9, margin_s=0.0).state
+    assert many.alone.tolist() == 19 * [False] + [True]
+    assert np.array_equal(many.state[-1], one)
 
 
 @pytest.mark.parametrize(

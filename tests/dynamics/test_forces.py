@@ -249,6 +249,83 @@ def test_zonal_harmonics_are_the_gradient_of_their_potential(scene: Scene) -> No
     assert zonal(scene, scene.X, scene.V).reshape(3, 8)[:, 0] == pytest.approx(np.array(wanted), rel=1e-12)
 
 
+def rows(flat: Array) -> Array:
+    """(24,) of x, y, z lanes -> eight vectors (8, 3)."""
+    vectors: Array = flat.reshape(3, LANES).T
+    return vectors
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_marsdens_acceleration_is_along_r_along_the_motion_and_along_the_momentum(scene: Scene, name: str) -> None:
+    """1e-13 of the acceleration: Marsden, Sekanina, Yeomans (1973), in unit vectors and au."""
+    alpha, r0_km, m, n, k = LAWS[name]
+    found = rows(PAIRS[f"A1, A2, A3 by {name}"].force(scene, scene.X, scene.V))
+    for lane in range(LANES):
+        d, w = rows(scene.X - scene.P[0])[lane], rows(scene.V - scene.W[0])[lane]
+        radial, normal = d / np.linalg.norm(d), np.cross(d, w) / np.linalg.norm(np.cross(d, w))
+        transverse = np.cross(normal, radial)
+        assert transverse @ w > 0.0
+        x = np.linalg.norm(d) / r0_km
+        g = alpha * x**-m * (1.0 + x**n) ** -k
+        wanted = AU_D2_KM_S2 * g * (1.0 * radial - 0.7 * transverse + 0.4 * normal)
+        assert np.abs(found[lane] - wanted).max() < 1e-13 * np.linalg.norm(wanted)
+
+
+def test_pressure_of_sunlight_has_its_size_and_pushes_away(scene: Scene) -> None:
+    """1e-13: 1361 W/m^2 over 299792458 m/s on 3 m^2/kg at 1 au (4.5398 uPa), falling with the square."""
+    found = rows(light(scene, scene.X, scene.V))
+    for lane in range(LANES):
+        d = rows(scene.X - scene.P[0])[lane]
+        r_au = np.linalg.norm(d) / 149597870.7
+        wanted = 1361.0 / 299792458.0 * 3.0 * 1e-3 / r_au**2 * d / np.linalg.norm(d)
+        assert np.abs(found[lane] - wanted).max() < 1e-13 * np.linalg.norm(wanted)
+
+
+def test_suns_relativity_is_the_published_formula(scene: Scene) -> None:
+    """1e-13 relative: IERS Conventions 2010, eq. 10.12 with beta = gamma = 1, about the Sun."""
+    found = rows(solar(scene, scene.X, scene.V))
+    for lane in range(LANES):
+        r, v = rows(scene.X - scene.P[0])[lane], rows(scene.V - scene.W[0])[lane]
+        R, gm = np.linalg.norm(r), scene.gm[0]
+        wanted = gm / (C2 * R**3) * ((4.0 * gm / R - v @ v) * r + 4.0 * (r @ v) * v)
+        assert np.abs(found[lane] - wanted).max() < 1e-13 * np.linalg.norm(wanted)
+
+
+def test_eih_is_the_published_sum_over_the_major_bodies(scene: Scene) -> None:
+    """1e-12 relative: Newhall, Standish, Williams (1983), eq. 1, with beta = gamma = 1 and its Newtonian part left out.
+
+    Velocities of the asteroid ten times too large as well, so that no term hides behind the potential.
+    """
+    gm = scene.gm[:11]
+    for V in (scene.V, 10.0 * scene.V):
+        found = rows(einstein(scene, scene.X, V))
+        for lane in range(LANES):
+            x, v = rows(scene.X)[lane], rows(V)[lane]
+            places, speeds = (np.array([rows(body)[lane] for body in table[:11]]) for table in (scene.P, scene.W))
+            wanted = np.zeros(3)
+            distance = np.linalg.norm(places - x, axis=1)
+            for j in range(11):
+                others = [k for k in range(11) if k != j]
+                toward = places[others] - places[j]
+                apart = np.linalg.norm(toward, axis=1)
+                pull = (gm[others] / apart**3) @ toward
+                to_j, w = places[j] - x, speeds[j]
+                bracket = (
+                    -4.0 * (gm / distance).sum()
+                    - (gm[others] / apart).sum()
+                    + v @ v
+                    + 2.0 * w @ w
+                    - 4.0 * v @ w
+                    - 1.5 * (-to_j @ w / distance[j]) ** 2
+                    + 0.5 * to_j @ pull
+                )
+                wanted += gm[j] / distance[j] ** 3 * to_j * bracket
+                wanted += gm[j] / distance[j] ** 3 * (-to_j @ (4.0 * v - 3.0 * w)) * (v - w)
+                wanted += 3.5 * gm[j] * pull / distance[j]
+            wanted /= C2
+            assert np.abs(found[lane] - wanted).max() < 1e-12 * np.linalg.norm(wanted)
+
+
 def test_eih_without_planets_is_the_term_of_the_sun_alone(scene: Scene) -> None:
     """1e-12 relative, for a Sun at rest: the Schwarzschild term in harmonic coordinates."""
     gm = scene.gm.copy()
