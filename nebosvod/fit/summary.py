@@ -130,4 +130,9 @@ def _warnings(found: Answer) -> list[str]:
         for row in found.predictions
         if row["nonlinearity"]["misleads"]
     ]
-    return [*said, *bent, *found.fit.general.fit.estimate.notes]
+    unknown = [
+        f"how far the linear ellipse of {row['name']} holds is not known: {row['nonlinearity']['reason']}"
+        for row in found.predictions
+        if row["nonlinearity"]["reason"]
+    ]
+    return [*said, *bent, *unknown, *found.fit.general.fit.estimate.notes]

@@ -16,6 +16,7 @@ STATIONS_SHOWN = 8
 REJECTED_SHOWN = 8
 BUDGET_SHOWN = 6
 PARAMETERS_SHOWN = 8
+DOUBT = "; not to be believed, see the warnings"
 LEFT_OUT = {"date": "by date"}
 ELEMENTS = (
     ("e", "e", ""),
@@ -163,7 +164,13 @@ def _predictions(summary: Mapping[str, Any]) -> Iterator[str]:
         unit = next(key.removeprefix("semi_axes_") for key in row if key.startswith("semi_axes_"))
         axes = " x ".join(_number(axis) for axis in row[f"semi_axes_{unit}"])
         where = f"; RA {row['ra_deg']:.6f} Dec {row['dec_deg']:+.6f} deg" if "ra_deg" in row else ""
+        where += DOUBT if _doubted(row) else ""
         yield f"  {row['name']} ({row['plane']}): {axes} {unit.replace('_', '/')}{where}"
+
+
+def _doubted(prediction: Mapping[str, Any]) -> bool:
+    """Whether the linear ellipse of a prediction misleads, or nobody can tell."""
+    return bool(prediction["nonlinearity"]["misleads"] or prediction["nonlinearity"]["reason"])
 
 
 def _reference(summary: Mapping[str, Any]) -> Iterator[str]:

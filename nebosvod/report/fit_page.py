@@ -9,10 +9,9 @@ from nebosvod.report.base import render
 from nebosvod.report.ellipses import ellipse_plate
 from nebosvod.report.facts import grouped
 from nebosvod.report.folder import Item, RunFolder, read_folder
-from nebosvod.report.tables import Cell
+from nebosvod.report.tables import Cell, prediction_table
+from nebosvod.report.trust import doubtful, nonlinearity_sentence, nonlinearity_table
 from nebosvod.report.wording import count, join, moment, number, quantity
-
-TONES = {"converged": "good"}
 
 
 def make_fit_report(folder: Path) -> str:
@@ -36,15 +35,15 @@ def make_fit_report(folder: Path) -> str:
         fit=fit,
         orbit=orbit,
         headline=_headline(fit, orbit),
-        tone=TONES.get(fit["status"], "bad"),
+        tone=_tone(run, fit),
         tiles=_tiles(run, fit, orbit),
         answers=_answers(run, fit),
-        warnings=summary["warnings"],
+        warnings=[text for text in summary["warnings"] if "linear ellipse of" not in text],  # said among the answers
         plates={
             "residuals": fit_figures.residual_plates(run),
             "stations": [] if station is None else [station],
             "correlation": found,
-            "predictions": [p for p in map(ellipse_plate, summary["predictions"]) if p is not None],
+            "predictions": [(p, doubt(row)) for row in summary["predictions"] if (p := ellipse_plate(row)) is not None],
         },
         tables={
             "elements": None if orbit is None else fit_tables.elements(orbit),
@@ -54,10 +53,34 @@ def make_fit_report(folder: Path) -> str:
             "rejected": fit_tables.rejected(fit),
             "weights": fit_tables.weights(fit),
             "budget": fit_tables.budget(list(summary["budget"]), run.telescopes),
+            "predictions": prediction_table(run, run.estimators[0]),
+            "nonlinearity": nonlinearity_table(run, run.estimators[0]),
             "reference": None if reference is None else fit_tables.reference(reference),
         },
         reference=reference,
     )
+
+
+def _tone(run: RunFolder, fit: Item) -> str:
+    """Green where the orbit and every ellipse can be used as they stand, amber with a caution, red without an orbit."""
+    if fit["status"] != "converged":
+        return "bad"
+    return "caution" if fit["cautions"] or doubtful(run, run.estimators[0]) else "good"
+
+
+def doubt(prediction: Item) -> Markup | None:
+    """Why a linear ellipse is not to be believed; None where it is."""
+    bent = prediction.get("nonlinearity") or {}
+    if bent.get("misleads"):
+        return Markup(
+            "<strong>Do not believe this ellipse.</strong> Its second-order term is {} of its sigmas: where the "
+            "object may be is bent or larger than it."
+        ).format(quantity(bent["measure"], "", 2))
+    if bent.get("reason"):
+        return Markup("<strong>This ellipse may not hold.</strong> {}.").format(
+            bent["reason"][:1].upper() + bent["reason"][1:]
+        )
+    return None
 
 
 def _headline(fit: Item, orbit: Item | None) -> Cell:
@@ -118,6 +141,9 @@ def _answers(run: RunFolder, fit: Item) -> list[tuple[str, list[Cell]]]:
             f"{kind if n == 1 else _of_stations(kind, n)} {100.0 * share:.0f} %" for kind, share, n in kinds[:3]
         )
         said.append(("What is to blame for the position sigma", [Markup("{} of its variance.").format(text)]))
+    bent = nonlinearity_sentence(run, run.estimators[0]) if run.summary["predictions"] else None
+    if bent is not None:
+        said.append(("Can the ellipses be believed", [bent]))
     reference = run.summary["reference_orbit"]
     if reference is not None:
         said.append((f"Against {reference['name']}", [
