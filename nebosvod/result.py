@@ -21,8 +21,8 @@ import numpy as np
 import numpy.typing as npt
 
 from nebosvod.errors import InputError, OutputError
+from nebosvod.recognise import not_a_run
 
-FILES = ("manifest.json", "summary.json", "arrays.npz", "report.html")
 FAILED_STATUSES = ("iteration_limit", "not_observable", "diverged")
 
 
@@ -92,10 +92,10 @@ def default_folder(mission_slug: str) -> Path:
 
 
 def require_run_folder(path: Path) -> None:
-    """Raise InputError unless `path` holds a whole run."""
-    missing = [name for name in FILES[:3] if not (path / name).is_file()]
-    if missing:
-        raise InputError(f"{path}: not a run folder: {', '.join(missing)} missing; make one with: nebosvod run MISSION")
+    """Raise InputError unless `path` holds a whole run; says what it holds instead, and what that is for."""
+    why = not_a_run(path)
+    if why:
+        raise InputError(f"{path}: {why}")
 
 
 def sha256_of(path: Path) -> str:
