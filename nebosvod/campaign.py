@@ -30,6 +30,7 @@ from nebosvod.mission import Mission, load_mission
 from nebosvod.montecarlo import Estimating, generator, measured_truth
 from nebosvod.observation import residual
 from nebosvod.prior import PriorTable, prior_table
+from nebosvod.recognise import read_json
 from nebosvod.result import npz_bytes, sha256_of
 from nebosvod.scene import Scene, build_scene
 from nebosvod.truth import Truth, draw
@@ -112,6 +113,22 @@ class CampaignFolder:
         """Numbers of the chunks of `runs` runs that are not on disk whole."""
         return [i for i in range(self.chunks(runs)) if read_chunk(self.folder, i, self.campaign.chunk_runs) is None]
 
+    def refuse_smaller(self, runs: int) -> None:
+        """Keep the result of more runs of this campaign from being replaced by that of fewer.
+
+        Raises
+        ------
+        OutputError
+            If the result that is there has more runs, and nobody said to overwrite it.
+        """
+        there = read_json(self.folder / "validation.json").get("n_runs")
+        if isinstance(there, int) and there > runs and not self._overwrite:
+            raise OutputError(
+                f"{self.folder}: holds this campaign with {there:,} runs, and {runs:,} would replace its result by a "
+                f"smaller one; say --runs {there} or more, -o for another folder, or --overwrite to judge the first "
+                f"{runs:,} alone (no run is thrown away)"
+            )
+
     def chunks(self, runs: int) -> int:
         """How many chunks hold so many runs; the last one may have more than are asked for."""
         return math.ceil(runs / self.campaign.chunk_runs)
@@ -130,7 +147,7 @@ class CampaignFolder:
         record = self.folder / "campaign.json"
         if self.folder.exists() and not record.is_file() and any(self.folder.iterdir()):
             raise OutputError(f"{self.folder}: exists and is not a validation folder; choose another with -o")
-        if record.is_file() and not self.campaign.same_runs(_read_record(record)):
+        if record.is_file() and not self.campaign.same_runs(read_json(record)):
             if not self._overwrite:
                 raise OutputError(
                     f"{self.folder}: holds runs of another mission, seed, mode or program version; "
@@ -149,14 +166,6 @@ class CampaignFolder:
                 self._lock.unlink(missing_ok=True)
             self._handle.close()
             self._handle = None
-
-
-def _read_record(path: Path) -> dict[str, Any]:
-    try:
-        found = json.loads(path.read_text("utf-8"))
-    except ValueError:
-        return {}
-    return found if isinstance(found, dict) else {}
 
 
 def write_whole(path: Path, data: bytes) -> Path:

@@ -131,7 +131,7 @@ def missions() -> int:
 @click.option("--workers", type=click.IntRange(1, 256), help="Processes [default: one for each processor].")
 @click.option("--seed", type=click.IntRange(0, 2**63 - 1), default=0, show_default=True, help="Seed of the simulation.")
 @click.option("--full", is_flag=True, help="Propagate every truth and iterate every estimate: slower, tests linearity.")
-@click.option("--overwrite", is_flag=True, help="Throw away the runs of another campaign in the same folder.")
+@click.option("--overwrite", is_flag=True, help="Replace another campaign, or a larger one, in the same folder.")
 @click.option("--json", "as_json", is_flag=True, help="Print validation.json, and nothing else, on stdout.")
 def validate(
     mission: str,

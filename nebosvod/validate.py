@@ -80,6 +80,8 @@ def validate(
         If there are too few or too many runs.
     GeometryError
         If no estimator of the mission can observe the state.
+    OutputError
+        If the folder holds another campaign, or this one with more runs, and it is not to be overwritten.
     """
     if not MIN_RUNS <= runs <= MAX_RUNS:
         raise InputError(
@@ -89,6 +91,7 @@ def validate(
     _require_observable(setting)
     campaign = Campaign.of(mission, seed, full, setting.nominal.observation.t_s.size)
     with CampaignFolder(folder, campaign, overwrite=overwrite) as held:
+        held.refuse_smaller(runs)
         missing = held.missing(runs)
         finished = held.chunks(runs) - len(missing)
         progress(min(runs, finished * campaign.chunk_runs), runs)

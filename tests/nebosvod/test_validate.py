@@ -164,6 +164,23 @@ def test_another_seed_or_a_foreign_folder_is_refused(four: Path, campaign_of_fou
     assert (tmp_path / "thesis.tex").exists()
 
 
+def test_fewer_runs_do_not_replace_a_larger_result_unless_told(
+    four: Path, campaign_of_four: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / "v"
+    shutil.copytree(campaign_of_four, folder)
+    before = (folder / "validation.json").read_bytes()
+    mission = load_mission(str(four))
+    with pytest.raises(OutputError, match=r"with 200 runs, and 100 would replace.*--runs 200 or more.*--overwrite"):
+        validate(mission, folder, runs=100, seed=SEED)
+    assert (folder / "validation.json").read_bytes() == before
+    assert validate(mission, folder, runs=100, seed=SEED, overwrite=True)["n_runs"] == 100
+    # the other runs stay, so the larger result comes back as it was
+    assert all(chunk_path(folder, number).is_file() for number in range(4))
+    validate(mission, folder, runs=200, seed=SEED)
+    assert (folder / "validation.json").read_bytes() == before
+
+
 def test_overwrite_begins_anew(four: Path, campaign_of_four: Path, tmp_path: Path) -> None:
     folder = tmp_path / "v"
     shutil.copytree(campaign_of_four, folder)
