@@ -100,8 +100,8 @@ def _sigmas(mission: Mission, state: Array) -> tuple[Entry, ...]:
 
 def _parameter_entries(mission: Mission, parameters: list[Parameter]) -> tuple[Entry, ...]:
     """One source for each parameter; radius and a mass that follows from a density are one source."""
-    coupled = mission.object.radius_mass_covariance_m_kg
-    pair = [p for p in parameters if p.name in ("radius_m", "mass_kg")]
+    coupled = mission.object.radius_mass_covariance
+    pair = [p for p in parameters if p.group in ("radius", "mass")]
     entries: list[Entry] = []
     if coupled and len(pair) == 2:
         covariance = np.diag([(p.sigma or 0.0) ** 2 for p in pair])

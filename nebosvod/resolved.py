@@ -14,8 +14,7 @@ def describe(mission: Mission) -> str:
         f"object           {mission.object.name}; orbit: {mission.object.orbit.kind} at {mission.object.orbit.epoch}",
     ]
     for p in mission.parameters:
-        sigma = "" if p.sigma is None else f" +- {p.sigma:.4g}"
-        lines.append(f"  {p.name:<18} {p.value:.6g}{sigma}, {p.treatment}")
+        lines.append(f"  {p.text}, {p.treatment}")
     lines += [f"  ({statement})" for statement in mission.object.statements]
     lines.append(f"forces           {_forces(mission)}")
     for telescope in mission.telescopes:

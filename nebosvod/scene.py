@@ -15,7 +15,9 @@ from nebosvod.dynamics.frames import R_icrf_from_ecliptic
 from nebosvod.errors import GeometryError
 from nebosvod.impact import follow
 from nebosvod.instruments import nuisance, telescopes
+from nebosvod.logarithmic import LogarithmicForces
 from nebosvod.mission import Mission, Source
+from nebosvod.mission.target import LOGARITHMS
 from nebosvod.observation import Nuisance, Telescope, Visibility, ZoneBias, visibility
 from nebosvod.timescale import SECONDS_PER_DAY, Epoch
 
@@ -143,14 +145,16 @@ def _sky(visibilities: Sequence[Visibility]) -> Array:
 
 def force_model(mission: Mission, ephemeris: Ephemeris) -> ForceModel:
     """The mission's forces at nominal values; the columns of zeta are its free parameters."""
-    value = {parameter.name: parameter.value for parameter in mission.parameters}
+    value = dict(parameter.quantity for parameter in mission.parameters)
     nongrav = {name: value[name] for name in ("a1_au_d2", "a2_au_d2", "a3_au_d2") if name in value}
     radiation = None
     if mission.object.has_radiation:
         names = ("radius_m", "mass_kg", "albedo", "thermal_emission")
         radiation = RadiationPressure(**{name: value[name] for name in names})
     plan = mission.force_model
-    return ForceModel(
+    free = tuple(parameter.name for parameter in mission.free_parameters)
+    model = LogarithmicForces if set(free) & set(LOGARITHMS) else ForceModel
+    return model(
         ephemeris=ephemeris,
         asteroids=plan.asteroids,
         excluded=plan.excluded,
@@ -162,7 +166,7 @@ def force_model(mission: Mission, ephemeris: Ephemeris) -> ForceModel:
         sun_oblateness=plan.sun_oblateness,
         radiation=radiation,
         nongrav=Nongrav(**nongrav, **mission.object.nongrav_law) if nongrav else None,
-        parameters=tuple(parameter.name for parameter in mission.free_parameters),
+        parameters=free,
     )
 
 

@@ -145,7 +145,7 @@ def _unit(scene: Scene, source: str, name: str) -> tuple[str, float]:
 
 def _physics(scene: Scene) -> dict[str, Any]:
     mission = scene.mission
-    values = {parameter.name: parameter.value for parameter in mission.parameters}
+    values = dict(parameter.quantity for parameter in mission.parameters)
     sphere = ("radius_m", "mass_kg", "albedo", "thermal_emission")
     radiation: Any = False
     if mission.object.has_radiation:

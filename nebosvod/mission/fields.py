@@ -234,21 +234,42 @@ class Uncertain(Block):
         return {"anyOf": [bare, whole], "description": block.get("description", "")}
 
 
-class UncertainRadius(Uncertain):
+class UncertainPositive(Uncertain):
+    """A positive value: its error may be one of its logarithm, so that no draw and no step makes it negative."""
+
+    distribution: Literal["normal", "lognormal"] = Field(
+        "normal", description="lognormal: the logarithm is uncertain, by sigma / value; the value is the median"
+    )
+
+    def complaints(self) -> list[tuple[KeyPath, str]]:
+        """A logarithm needs a positive value and a sigma below it."""
+        found = super().complaints()
+        if self.distribution == "lognormal":
+            if self.sigma is None:
+                found.append((("distribution",), "lognormal needs a sigma: how wrong may the value be?"))
+            elif not self.value > 0.0:
+                found.append((("value",), f"must be positive where distribution is lognormal (got {self.value:g})"))
+            elif self.sigma > self.value:
+                text = "must not exceed the value where distribution is lognormal: sigma / value is the sigma of its"
+                found.append((("sigma",), f"{text} natural logarithm (got {self.sigma:g}, value {self.value:g})"))
+        return found
+
+
+class UncertainRadius(UncertainPositive):
     """A radius (m)."""
 
     value: Size
     sigma: Size | None = None
 
 
-class UncertainMass(Uncertain):
+class UncertainMass(UncertainPositive):
     """A mass (kg)."""
 
     value: MassKg
     sigma: MassKg | None = None
 
 
-class UncertainDensity(Uncertain):
+class UncertainDensity(UncertainPositive):
     """A bulk density (kg/m^3)."""
 
     value: DensityKgM3
@@ -259,7 +280,7 @@ Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
 PositiveNumber = Annotated[float, Field(ge=1e-12, le=1e3)]
 
 
-class UncertainAlbedo(Uncertain):
+class UncertainAlbedo(UncertainPositive):
     """An albedo, 0 to 1."""
 
     value: Fraction

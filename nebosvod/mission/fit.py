@@ -15,7 +15,7 @@ from nebosvod.mission.orbit import Frame, SbdbOrbit, StateOrbit
 from nebosvod.mission.request import Arc, Estimator, TelescopeNames, internal_covariance, scales
 from nebosvod.mission.sources import KINDS, Error, Group, Source
 from nebosvod.mission.spacecraft import OemFile, Spk, Tabulated
-from nebosvod.mission.target import Orbit, Target
+from nebosvod.mission.target import LOGARITHMS, Orbit, Target
 from nebosvod.mission.telescope import Telescope
 from nebosvod.mission.uncertainty import Bias, Position, Timing
 from nebosvod.timescale import Epoch
@@ -197,6 +197,11 @@ class FitMission(Mission):
         ]
         if self.prior == "orbit" and self.object.given_orbit is None:
             found.append((("prior",), "orbit means the covariance that came with object.orbit, and there is none"))
+        found += [
+            (("object", parameter.key, "distribution"), "lognormal is for missions that are simulated; use normal here")
+            for parameter in self.object.parameters
+            if parameter.name in LOGARITHMS
+        ]
         shared = [entry.shared for entry in self.fit.uncertainty if entry.shared]
         if len(set(shared)) != len(shared):
             found.append((("fit", "uncertainty"), "two entries share one name; give each its own"))

@@ -1,5 +1,6 @@
 """The asteroid: its orbit, brightness, body and non-gravitational parameters."""
 
+import math
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
@@ -19,6 +20,7 @@ from nebosvod.mission.fields import (
     UncertainDensity,
     UncertainEmission,
     UncertainMass,
+    UncertainPositive,
     UncertainRadius,
 )
 from nebosvod.mission.orbit import (
@@ -35,6 +37,8 @@ from nebosvod.units import AU_KM
 
 Exponent = Annotated[float, Field(ge=0.0, le=20.0)]
 FOUR_THIRDS_PI = 4.1887902047863905
+# What is estimated in place of a quantity whose error is lognormal -> the quantity, as the force model names it
+LOGARITHMS = {"ln_radius": "radius_m", "ln_mass": "mass_kg", "ln_albedo": "albedo"}
 Orbit = Annotated[
     CometaryOrbit | KeplerianOrbit | EquinoctialOrbit | StateOrbit | SbdbOrbit, Field(discriminator="kind")
 ]
@@ -99,14 +103,15 @@ class Nongrav(Block):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Parameter:
-    """One dynamic parameter in the units of the force model.
+    """One dynamic parameter as it is estimated: in the units of the force model, or the natural logarithm of that.
 
     Attributes
     ----------
-    name : the force model's column: radius_m, mass_kg, albedo, thermal_emission, a1_au_d2, a2_au_d2, a3_au_d2.
+    name : the column of zeta: radius_m, mass_kg, albedo, thermal_emission, a1_au_d2, a2_au_d2, a3_au_d2, or one of
+        LOGARITHMS.
     group : radius, mass, albedo, thermal_emission, A1, A2, A3 or a1_residual: what `treatment` of an estimator says.
     key : what the mission file gave: the group, or diameter, density, geometric_albedo.
-    value, sigma : in the unit of the name; sigma None = no prior.
+    value, sigma : of what the name says; sigma None = no prior.
     treatment : as the object says; estimators may override it (`Mission.treatment`).
     origin : "orbit" when the value came with an SBDB orbit.
     """
@@ -118,6 +123,27 @@ class Parameter:
     sigma: float | None
     treatment: Treatment
     origin: Literal["object", "orbit"] = "object"
+
+    @property
+    def quantity(self) -> tuple[str, float]:
+        """Name and value as the force model knows them."""
+        physical = LOGARITHMS.get(self.name)
+        return (self.name, self.value) if physical is None else (physical, math.exp(self.value))
+
+    @property
+    def per_logarithm(self) -> float:
+        """The value, or 1 of a logarithm: what a relative error is multiplied by to be one of this parameter."""
+        return 1.0 if self.name in LOGARITHMS else self.value
+
+    @property
+    def text(self) -> str:
+        """Name, value and sigma for the eye."""
+        name, value = self.quantity
+        if self.sigma is None:
+            return f"{name:<18} {value:.6g}"
+        if self.name in LOGARITHMS:
+            return f"{name:<18} {value:.6g} times or over {math.exp(self.sigma):.4g} (lognormal, {self.sigma:.4g})"
+        return f"{name:<18} {value:.6g} +- {self.sigma:.4g}"
 
 
 class Target(Block):
@@ -167,7 +193,7 @@ class Target(Block):
         return getattr(self, one) is not None or getattr(self, other) is not None
 
     @staticmethod
-    def _density_complaints(density: Uncertain, radius: Uncertain | None) -> list[tuple[KeyPath, str]]:
+    def _density_complaints(density: UncertainDensity, radius: UncertainRadius | None) -> list[tuple[KeyPath, str]]:
         """The mass that a density implies is correlated with the radius: both need the same treatment."""
         if radius is None or radius.treatment == "fixed" == density.treatment:
             return []
@@ -176,6 +202,9 @@ class Target(Block):
             return [(("density",), text + "they imply is correlated with the radius (or give the mass itself)")]
         if radius.treatment != "fixed" and (radius.sigma is None or density.sigma is None):
             return [(("density",), "density and radius need a sigma each (or give the mass itself)")]
+        if radius.treatment != "fixed" and radius.distribution != density.distribution:
+            text = f"radius is {radius.distribution} and density {density.distribution}; give both one distribution"
+            return [(("density", "distribution"), f"{text}: the mass follows from both (or give the mass itself)")]
         return []
 
     def _force_complaints(self) -> list[tuple[KeyPath, str]]:
@@ -221,7 +250,7 @@ class Target(Block):
     def photocentre_radius_km(self) -> float:
         """Radius on which the photocentre's offset is measured."""
         own = self.photocentre.radius if self.photocentre is not None else None
-        return (own if own is not None else self._radius().value) / 1000.0
+        return (own if own is not None else self._radius().quantity[1]) / 1000.0
 
     @property
     def radiation_parameters(self) -> tuple[Parameter, ...]:
@@ -278,12 +307,12 @@ class Target(Block):
         return self.radiation_parameters + self.nongrav_parameters
 
     @property
-    def radius_mass_covariance_m_kg(self) -> float:
-        """Covariance of radius and mass (m kg): not zero when the mass comes from a density and an uncertain radius."""
+    def radius_mass_covariance(self) -> float:
+        """Covariance of these two parameters: not zero when the mass comes from a density and an uncertain radius."""
         radius = self._radius() if self.has_radiation else None
         if radius is None or self.density is None or radius.treatment == "fixed" or radius.sigma is None:
             return 0.0
-        return 3.0 * self._mass().value / radius.value * radius.sigma**2
+        return 3.0 * self._mass().per_logarithm / radius.per_logarithm * radius.sigma**2
 
     @property
     def statements(self) -> tuple[str, ...]:
@@ -292,13 +321,18 @@ class Target(Block):
         if self.geometric_albedo is not None and self.magnitude is not None:
             q = self.magnitude.phase_integral
             said.append(
-                f"Bond albedo {self._albedo().value:.4g} = q x geometric albedo {self.geometric_albedo.value:g}, "
+                f"Bond albedo {self._albedo().quantity[1]:.4g} = q x geometric albedo {self.geometric_albedo.value:g}, "
                 f"q = 0.290 + 0.684 G = {q:.4f} at G = {self.magnitude.G:g}; the uncertainty of G is not counted"
             )
         if self.density is not None:
-            said.append(f"mass {self._mass().value:.4g} kg from density {self.density.value:g} kg/m^3 and the radius")
+            mass = self._mass().quantity[1]
+            said.append(f"mass {mass:.4g} kg from density {self.density.value:g} kg/m^3 and the radius")
         if self.has_radiation and self.thermal_emission is None:
             said.append("thermal re-emission 0: an isothermal body")
+        for p in self.radiation_parameters:
+            if p.name in LOGARITHMS and p.treatment != "fixed":
+                text = f"the error of the {p.group} is lognormal: {p.quantity[1]:.4g} is the median"
+                said.append(f"{text}, its natural logarithm has a sigma of {p.sigma:.4g}")
         return tuple(said)
 
     def _radius(self) -> Parameter:
@@ -317,19 +351,18 @@ class Target(Block):
         if self.density is None:
             return _parameter("mass_kg", "mass", self.mass)
         radius = self._radius()
-        mass = FOUR_THIRDS_PI * radius.value**3 * self.density.value
-        by_radius = 3.0 * mass / radius.value * (radius.sigma or 0.0) * (radius.treatment != "fixed")
-        by_density = mass / self.density.value * (self.density.sigma or 0.0)
-        sigma = (by_radius**2 + by_density**2) ** 0.5 or None
-        return Parameter(
-            name="mass_kg", group="mass", key="density", value=mass, sigma=sigma, treatment=self.density.treatment
-        )
+        mass = FOUR_THIRDS_PI * radius.quantity[1] ** 3 * self.density.value
+        by_radius = 3.0 * (radius.sigma or 0.0) / radius.per_logarithm * (radius.treatment != "fixed")
+        by_density = (self.density.sigma or 0.0) / self.density.value
+        sigma = math.hypot(by_radius, by_density) * mass or None
+        given = self.density.model_copy(update={"value": mass, "sigma": sigma})
+        return _parameter("mass_kg", "mass", given, key="density")
 
 
 def _parameter(name: str, group: str, item: Uncertain | None, factor: float = 1.0, key: str = "") -> Parameter:
-    """A parameter from a block of the file, scaled."""
+    """A parameter from a block of the file, scaled; its logarithm where that is what is uncertain."""
     source = item if item is not None else Uncertain(value=0.0)
-    sigma = None if source.sigma is None else source.sigma * factor
-    return Parameter(
-        name=name, group=group, key=key or group, value=source.value * factor, sigma=sigma, treatment=source.treatment
-    )
+    value, sigma = source.value * factor, None if source.sigma is None else source.sigma * factor
+    if isinstance(source, UncertainPositive) and source.distribution == "lognormal" and sigma is not None:
+        name, value, sigma = f"ln_{group}", math.log(value), sigma / value
+    return Parameter(name=name, group=group, key=key or group, value=value, sigma=sigma, treatment=source.treatment)

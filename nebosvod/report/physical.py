@@ -11,19 +11,23 @@ from nebosvod.report.folder import Item, RunFolder
 from nebosvod.report.tables import Cell, Table
 from nebosvod.report.wording import NBSP, finite, number, percent, quantity
 
-SPHERE = ("radius_m", "mass_kg", "albedo", "thermal_emission")
+SPHERE = ("radius_m", "mass_kg", "albedo", "thermal_emission", *wording.LOGARITHMS)
 
 
 def parameter_table(estimator: Item) -> Table | None:
     """Prior and posterior sigma of every parameter beside the state."""
     rows: list[tuple[Cell, ...]] = []
     for key, item in (estimator.get("parameters") or {}).items():
-        name, unit = wording.parameter_name(key)
         prior, sigma, estimate = item.get("prior_sigma"), item.get("sigma"), item.get("estimate")
         left = sigma / prior if finite(prior) and finite(sigma) and prior > 0 else None
+        gain = _left(left) if left is not None else quantity(None)
+        if key in wording.LOGARITHMS:
+            name, unit = wording.parameter_name(wording.LOGARITHMS[key])
+            rows.append((f"{name}, lognormal", _median(estimate, sigma, unit), _factor(prior), _factor(sigma), gain))
+            continue
+        name, unit = wording.parameter_name(key)
         shown = _plain(estimate, unit, wording.matched_digits(estimate or 0.0, sigma))
         before = _plain(prior, unit) if finite(prior) else "none"
-        gain = _left(left) if left is not None else quantity(None)
         rows.append((name, shown, before, _plain(sigma, unit), gain))
     if not rows:
         return None
@@ -41,6 +45,21 @@ def _plain(value: float | None, unit: str, digits: int = 3) -> Markup:
         return quantity(None)
     text = number(value, digits) + (f"{NBSP}{unit}" if unit else "")
     return Markup('<data value="{}" data-unit="{}">{}</data>').format(repr(float(value)), unit, text)
+
+
+def _median(logarithm: float | None, sigma: float | None, unit: str) -> Markup:
+    """A quantity of which the logarithm was estimated."""
+    if logarithm is None or not math.isfinite(logarithm):
+        return quantity(None)
+    value = math.exp(logarithm)
+    return _plain(value, unit, wording.matched_digits(value, None if sigma is None else value * sigma))
+
+
+def _factor(sigma: float | None) -> Markup:
+    """One sigma of a logarithm: the factor it is worth."""
+    if sigma is None or not math.isfinite(sigma):
+        return quantity(None)
+    return Markup('<data value="{}" data-unit="">×/÷{}{}</data>').format(repr(sigma), NBSP, number(math.exp(sigma), 4))
 
 
 def _left(ratio: float) -> Markup:
@@ -78,6 +97,7 @@ def kappa_sentence(run: RunFolder, estimator: Item) -> Markup | None:
     if not set(free) <= set(order):
         return None
     partial = kappa_partials(values)
+    partial |= {key: values[name] * partial[name] for key, name in wording.LOGARITHMS.items()}
     rows = factor[[order.index(key) for key in free]]
     after = float(np.linalg.norm(rows.T @ np.array([partial[key] for key in free])))
     before = math.hypot(*(partial[key] * float(found[key]["prior_sigma"]) for key in free))
@@ -87,7 +107,7 @@ def kappa_sentence(run: RunFolder, estimator: Item) -> Markup | None:
         if gain > 0.995
         else Markup("the measurements narrow it to {} of the prior sigma").format(percent(gain))
     )
-    listed = wording.join([wording.parameter_name(key)[0] for key in free])
+    listed = wording.join([wording.parameter_name(wording.LOGARITHMS.get(key, key))[0] for key in free])
     return Markup(
         "The orbit depends on {} only through <span class='nowrap'>κ = (πR²/m)(1 + "
         "4A/9 + f(1 − A))</span>. Its relative sigma is {} before and {} after the fit: {}. What "

@@ -44,10 +44,15 @@ PARAMETERS = {
     "mass_kg": ("mass", "kg"),
     "albedo": ("Bond albedo", ""),
     "thermal_emission": ("thermal emission", ""),
+    "ln_radius": ("ln radius", ""),
+    "ln_mass": ("ln mass", ""),
+    "ln_albedo": ("ln Bond albedo", ""),
     "a1_au_d2": ("A1", "au/d²"),
     "a2_au_d2": ("A2", "au/d²"),
     "a3_au_d2": ("A3", "au/d²"),
 }
+# a logarithm that is estimated in place of a quantity with a lognormal error -> that quantity
+LOGARITHMS = {"ln_radius": "radius_m", "ln_mass": "mass_kg", "ln_albedo": "albedo"}
 REMOVED = {
     "sun": "too near the Sun",
     "earth": "too near the Earth's limb",

@@ -99,7 +99,7 @@ def test_a_density_gives_the_mass_and_its_correlation_with_the_radius() -> None:
     assert mass.sigma is not None
     assert mass.value == pytest.approx(4.0 / 3.0 * math.pi * 170.0**3 * 3000.0)
     assert mass.sigma == pytest.approx(math.sqrt(sample[1, 1]), rel=0.01)  # 200,000 draws give sigmas to 0.2 %
-    assert got.object.radius_mass_covariance_m_kg == pytest.approx(sample[0, 1], rel=0.02)
+    assert got.object.radius_mass_covariance == pytest.approx(sample[0, 1], rel=0.02)
 
 
 def test_a_density_with_another_treatment_than_the_radius_is_refused() -> None:
