@@ -1,25 +1,31 @@
 """Two-body motion by elements, for spacecraft whose orbit a mission states rather than integrates."""
 
+import math
+
 import numpy as np
 
+from nebosvod.dynamics.compilation import kernel
 from nebosvod.observation.contracts import Array
 
 NEWTON_STEPS = 30
 
 
-def eccentric_anomaly(M: Array, e: float) -> Array:
-    """Solve E - e sin E = M for elliptic motion, to round-off.
+@kernel
+def eccentric_anomaly(M: float, e: float) -> float:
+    """Solve E - e sin E = M for elliptic motion, to round-off; E within [-pi, pi].
 
-    Newton's method from E = M + e sin M / (1 - sin(M + e) + sin M) converges for every M and e < 1.
+    Newton's method from M + e sin M, or from pi where e > 0.8, converges for every M and e < 1.
     """
-    M = np.mod(M + np.pi, 2.0 * np.pi) - np.pi
-    E = np.where(e > 0.8, np.pi * np.sign(M), M + e * np.sin(M))
+    M = M - 2.0 * math.pi * math.floor((M + math.pi) / (2.0 * math.pi))
+    E = M + e * math.sin(M)
+    if e > 0.8:
+        E = math.copysign(math.pi, M) if M != 0.0 else 0.0
     for _ in range(NEWTON_STEPS):
-        step = (E - e * np.sin(E) - M) / (1.0 - e * np.cos(E))
-        E = E - step
-        if np.all(np.abs(step) < 1e-15 * (1.0 + np.abs(E))):
+        step = (E - e * math.sin(E) - M) / (1.0 - e * math.cos(E))
+        E -= step
+        if abs(step) < 1e-15 * (1.0 + abs(E)):
             break
-    return np.asarray(E)
+    return E
 
 
 def kepler_state(gm_km3_s2: float, a_km: float, e: float, i: float, node: Array, peri: Array, M: Array) -> Array:
@@ -30,22 +36,30 @@ def kepler_state(gm_km3_s2: float, a_km: float, e: float, i: float, node: Array,
     a_km, e, i : semi-major axis, eccentricity in [0, 1), inclination, rad.
     node, peri, M : shape (n,), node, argument of pericentre and mean anomaly at each time, rad.
     """
-    E = eccentric_anomaly(M, e)
-    root = np.sqrt(1.0 - e * e)
-    now = 1.0 - e * np.cos(E)
-    n = np.sqrt(gm_km3_s2 / a_km**3)
-    plane = np.stack([a_km * (np.cos(E) - e), a_km * root * np.sin(E)], axis=1)
-    speed = np.stack([-a_km * n * np.sin(E) / now, a_km * n * root * np.cos(E) / now], axis=1)
-    P, Q = perifocal_axes(i, node, peri)
-    return np.concatenate([plane[:, :1] * P + plane[:, 1:] * Q, speed[:, :1] * P + speed[:, 1:] * Q], axis=1)
+    states = np.empty((M.size, 6))
+    # one layout of arrays, one compiled version
+    node, peri, M = (np.require(angle, np.float64, ("C", "W")) for angle in (node, peri, M))
+    _states(gm_km3_s2, a_km, e, i, node, peri, M, states)
+    return states
 
 
-def perifocal_axes(i: float, node: Array, peri: Array) -> tuple[Array, Array]:
-    """Unit vectors (n, 3) towards the pericentre and 90 deg ahead of it."""
-    cos_n, sin_n, cos_p, sin_p = np.cos(node), np.sin(node), np.cos(peri), np.sin(peri)
-    cos_i, sin_i = np.cos(i), np.sin(i)
-    node_axis = np.stack([cos_n, sin_n, np.zeros_like(cos_n)], axis=1)
-    across = np.stack([-sin_n * cos_i, cos_n * cos_i, np.full_like(cos_n, sin_i)], axis=1)
-    P = cos_p[:, None] * node_axis + sin_p[:, None] * across
-    Q = cos_p[:, None] * across - sin_p[:, None] * node_axis
-    return P, Q
+@kernel
+def _states(gm: float, a: float, e: float, i: float, node: Array, peri: Array, M: Array, states: Array) -> None:
+    """Fill states (n, 6) from position and velocity in the plane, along P (towards the pericentre) and Q."""
+    root, n = math.sqrt(1.0 - e * e), math.sqrt(gm / (a * a * a))
+    cos_i, sin_i = math.cos(i), math.sin(i)
+    for k in range(states.shape[0]):
+        E = eccentric_anomaly(M[k], e)
+        cos_E, sin_E = math.cos(E), math.sin(E)
+        p, q = a * (cos_E - e), a * root * sin_E
+        rate = a * n / (1.0 - e * cos_E)
+        p_rate, q_rate = -rate * sin_E, rate * root * cos_E
+        cos_n, sin_n, cos_p, sin_p = math.cos(node[k]), math.sin(node[k]), math.cos(peri[k]), math.sin(peri[k])
+        Px, Py, Pz = cos_p * cos_n - sin_p * sin_n * cos_i, cos_p * sin_n + sin_p * cos_n * cos_i, sin_p * sin_i
+        Qx, Qy, Qz = -sin_p * cos_n - cos_p * sin_n * cos_i, -sin_p * sin_n + cos_p * cos_n * cos_i, cos_p * sin_i
+        states[k, 0], states[k, 1], states[k, 2] = p * Px + q * Qx, p * Py + q * Qy, p * Pz + q * Qz
+        states[k, 3], states[k, 4], states[k, 5] = (
+            p_rate * Px + q_rate * Qx,
+            p_rate * Py + q_rate * Qy,
+            p_rate * Pz + q_rate * Qz,
+        )

@@ -23,7 +23,7 @@ def relative(spacecraft, body, ephemeris, epoch, t_s):
 @pytest.mark.parametrize("e", [0.0, 0.01, 0.5, 0.9, 0.999])
 def test_keplers_equation_is_solved_to_round_off(e):
     M = np.linspace(-10.0, 10.0, 2001)
-    E = eccentric_anomaly(M, e)
+    E = np.array([eccentric_anomaly(angle, e) for angle in M])
     left = np.mod(E - e * np.sin(E) - M + np.pi, 2.0 * np.pi) - np.pi
     assert np.max(np.abs(left)) < 5e-15
 
