@@ -1,12 +1,14 @@
 """Grids: the steps and nodes of one orbit serve near ones; the expansion of the far field loses nothing."""
 
+import dataclasses
 from typing import Any
 
 import numpy as np
 import pytest
 
-from nebosvod.dynamics import ForceModel, integrator, propagate, propagator
+from nebosvod.dynamics import Ephemeris, ForceModel, integrator, propagate, propagator
 from nebosvod.dynamics.constants import DAY_S
+from nebosvod.dynamics.ephemeris import PLANETS
 from nebosvod.timescale import Epoch
 
 Array = np.ndarray
@@ -53,6 +55,14 @@ def test_a_grid_of_states_serves_an_orbit_with_partials(full_forces: ForceModel,
     assert np.abs((on_grid.Phi - own.Phi) * WEIGHT[:, None] / WEIGHT).max() < 1e-9
 
 
+def exchanged(ephemeris: Ephemeris) -> Ephemeris:
+    """A solar system in which Venus and Mars have changed places but not their masses."""
+    series = list(ephemeris._series)
+    venus, mars = PLANETS.index("venus"), PLANETS.index("mars")
+    series[venus], series[mars] = series[mars], series[venus]
+    return dataclasses.replace(ephemeris, _series=tuple(series), _windows={}, _coverage={}, _suns={})
+
+
 def test_a_grid_that_does_not_fit_is_not_used(full_forces: ForceModel, neo: Neo) -> None:
     epoch, start = neo
     own = propagate(start, epoch, TIMES, full_forces, False)
@@ -60,7 +70,10 @@ def test_a_grid_that_does_not_fit_is_not_used(full_forces: ForceModel, neo: Neo)
     other_epoch = propagate(start, epoch + 5 * DAY_S, TIMES, full_forces, False)
     bare = ForceModel(ephemeris=full_forces.ephemeris, asteroids=False)
     other_bodies = propagate(start, epoch, TIMES, bare, False)
-    for grid in (other_span, other_epoch, other_bodies):
+    flat = ForceModel(ephemeris=full_forces.ephemeris, relativity="none")
+    other_relativity = propagate(start, epoch, TIMES, flat, False)
+    other_system = propagate(start, epoch, TIMES, ForceModel(ephemeris=exchanged(full_forces.ephemeris)), False)
+    for grid in (other_span, other_epoch, other_bodies, other_relativity, other_system):
         again = propagate(start, epoch, TIMES, full_forces, False, grid=grid)
         assert np.array_equal(again.state, own.state)
 
@@ -105,3 +118,17 @@ def test_a_repeated_window_of_times_costs_one_table_of_nodes(full_forces: ForceM
     assert second._table.nodes is grid._table.nodes
     assert third._table.nodes is grid._table.nodes
     assert propagator.NO_GUIDES[0][0].start.size == 0
+
+
+@pytest.mark.parametrize("model", ["sun", "eih"])
+def test_grid_of_the_sun_alone_does_not_serve_all_planets(full_forces: ForceModel, neo: Neo, model: Any) -> None:
+    """1 mm: nodes kept for one kind of relativity hold no velocities for another."""
+    epoch, start = neo
+    first, second = (
+        ForceModel(ephemeris=full_forces.ephemeris, relativity=kind)
+        for kind in (model, "eih" if model == "sun" else "sun")
+    )
+    grid = propagate(start, epoch, TIMES, first, False)
+    propagate(start, epoch, TIMES, first, False, grid=grid)
+    own, again = (propagate(start + NEAR, epoch, TIMES, second, False, grid=g) for g in (None, grid))
+    assert np.abs((again.state - own.state) * WEIGHT).max() < 1e-6

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from nebosvod.dynamics import Ephemeris, ForceModel, integrator, propagate
-from nebosvod.dynamics.constants import DAY_S
+from nebosvod.dynamics.constants import ASTEROID_RADIUS_KM, DAY_S
+from nebosvod.dynamics.ephemeris import ASTEROIDS
 from nebosvod.dynamics.frames import R_icrf_from_ecliptic
 from nebosvod.dynamics.twobody import kepler
 from nebosvod.errors import CoverageError, EventError, InputError
@@ -254,6 +255,23 @@ def test_epoch_at_the_edge_of_the_ephemeris_works(neo: Neo) -> None:
     assert propagate(neo[1], last, [0.0], forces).state.shape == (1, 6)
     with pytest.raises(CoverageError, match="2060-01-01"):
         propagate(neo[1], last, [DAY_S], forces)
+    with pytest.raises(CoverageError, match="isolated point of the ephemeris"):
+        propagate(neo[1], last, [0.0], forces, margin_s=0.0)
+    with pytest.raises(CoverageError, match=r"1989-12-\d\dT.* lies outside the ephemeris"):
+        propagate(neo[1], first, [-20.0 * DAY_S, DAY_S], forces)
+
+
+def test_asteroids_that_end_before_the_planets_end_the_arc(neo: Neo) -> None:
+    from nebosvod.dynamics.ephemeris import DATA
+
+    full = Ephemeris.load()
+    if "naif" not in full.source:
+        pytest.skip("the full DE440 is not installed")
+    mixed = Ephemeris.load(full.path, DATA / "sb441_n16_1990_2060.bsp")
+    epoch = Epoch.parse("2059-12-01T00:00:00 TDB")
+    with pytest.raises(CoverageError, match="switch the asteroids off"):
+        propagate(neo[1], epoch, [60.0 * DAY_S], ForceModel(ephemeris=mixed), False)
+    assert propagate(neo[1], epoch, [60.0 * DAY_S], ForceModel(ephemeris=mixed, asteroids=False), False).t_s.size == 1
 
 
 @pytest.mark.parametrize(
@@ -311,8 +329,18 @@ def test_start_below_the_surface_is_an_event(ephemeris: Ephemeris) -> None:
 def test_start_at_the_centre_of_a_body_stops_at_once(ephemeris: Ephemeris, days: float) -> None:
     epoch = Epoch.parse("2030-05-01T00:00:00 TDB")
     venus = ephemeris.state_km_km_s("venus", epoch, 0.0)[0] - ephemeris.state_km_km_s("sun", epoch, 0.0)[0]
-    with pytest.raises(EventError, match="venus"):
+    with pytest.raises(EventError, match=r"stops at 2030-05-01T00:00:00.* 0 km from the centre of venus"):
         propagate(venus, epoch, [days * DAY_S], ForceModel(ephemeris=ephemeris))
+
+
+def test_arc_of_too_many_steps_is_an_event_and_no_trajectory(
+    ephemeris: Ephemeris, neo: Neo, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two million steps take a minute: here the real integration says so after its last one."""
+    real = integrator.integrate
+    monkeypatch.setattr(integrator, "integrate", lambda *a: (integrator.TOO_MANY_STEPS, real(*a)[1]))
+    with pytest.raises(EventError, match="the integration stops at"):
+        propagate(neo[1], neo[0], [100.0 * DAY_S], ForceModel(ephemeris=ephemeris), False)
 
 
 def test_apophis_follows_jpl_to_the_eve_of_its_encounter(
@@ -342,6 +370,31 @@ def test_asteroid_that_is_its_own_perturber_does_not_attract_itself(
     assert forces.excluded == ()
     moved = found.Phi[0] @ (start - wanted[0])
     assert np.linalg.norm((found.state[0] - wanted[1] - moved)[:3]) < 2.0
+
+
+@pytest.mark.parametrize("body", ASTEROIDS)
+def test_ten_radii_decide_whether_an_orbit_is_an_asteroids_own(ephemeris: Ephemeris, body: str) -> None:
+    epoch, forces = Epoch.parse("2025-03-01T00:00:00 TDB"), ForceModel(ephemeris=ephemeris)
+    place = (ephemeris.state_km_km_s(body, epoch, 0.0) - ephemeris.state_km_km_s("sun", epoch, 0.0))[0]
+    for radii, wanted in ((9.9, (body,)), (10.1, ())):
+        start = place + np.array([0.6, 0.0, 0.8, 0.0, 0.0, 0.0]) * radii * ASTEROID_RADIUS_KM[body]
+        assert propagate(start, epoch, [3600.0], forces, False).forces.excluded == wanted
+
+
+def test_orbit_of_an_asteroid_is_that_of_a_model_without_it(ephemeris: Ephemeris) -> None:
+    """Bit for bit, with the same tolerance, margin and grid; what was left out before stays out."""
+    epoch, t = Epoch.parse("2025-03-01T00:00:00 TDB"), [-30.0 * DAY_S, 100.0 * DAY_S]
+    start = (ephemeris.state_km_km_s("ceres", epoch, 0.0) - ephemeris.state_km_km_s("sun", epoch, 0.0))[0]
+    some, without = (ForceModel(ephemeris=ephemeris, excluded=names) for names in (("vesta",), ("vesta", "ceres")))
+    options: dict[str, Any] = {"tolerance": 1e-7, "margin_s": 1000.0}
+    grid = propagate(start + np.array([500.0, 0.0, 0.0, 0.0, 0.0, 0.0]), epoch, t, without, **options)
+    for near in (None, grid):
+        own, wanted = (propagate(start, epoch, t, forces, grid=near, **options) for forces in (some, without))
+        assert own.forces.excluded == ("vesta", "ceres")
+        assert np.array_equal(own.step_edges_s, wanted.step_edges_s)
+        assert np.array_equal(own.state, wanted.state)
+        assert np.array_equal(own.Phi, wanted.Phi)
+    assert own.span_s[0] == t[0] - 1000.0
 
 
 def test_asteroid_far_from_every_perturber_excludes_none(full_forces: ForceModel, neo: Neo) -> None:
