@@ -14,12 +14,14 @@ from typing import Any
 import numpy as np
 
 from nebosvod.errors import InputError
+from nebosvod.report.facts import kind_of
 from nebosvod.result import require_run_folder
 
 SAME_DISTANCE = 0.01  # relative
 SCHEMA_VERSION = 1
 KNOWN_SUMMARY = 1
 MOST_FOLDERS = 20
+SMALLEST_SHARE = 0.0005  # what would be shown as 0
 Found = dict[str, Any] | None
 
 
@@ -244,6 +246,28 @@ def _budget(parts: Sequence[Sequence[Mapping[str, Any]]], key: str) -> list[dict
         shares = [next((float(row[key]) for row in part if row["source"] == source), 0.0) for part in parts]
         rows.append({"source": source, "share": shares})
     return sorted(rows, key=lambda row: -max(row["share"]))
+
+
+def shown_budget(rows: Sequence[Mapping[str, Any]], telescopes: Sequence[str], most: int) -> list[dict[str, Any]]:
+    """The sources with the largest shares, then the others of each kind together, without what would be shown as 0.
+
+    Parameters
+    ----------
+    rows : of a `budget` of a comparison, largest share first; telescopes : of all its runs.
+    """
+    shown = [dict(row) for row in rows[:most]]
+    named = {kind_of(row["source"], list(telescopes)) for row in shown}
+    kinds: dict[str, list[Mapping[str, Any]]] = {}
+    for row in rows[most:]:
+        kinds.setdefault(kind_of(row["source"], list(telescopes)), []).append(row)
+    rest = []
+    for kind, members in kinds.items():
+        words = "others together" if kind in named else "together"
+        source = members[0]["source"] if len(members) == 1 else f"{kind}, {len(members)} {words}"
+        shares = [sum(column) for column in zip(*(row["share"] for row in members))]
+        rest.append({"source": source, "share": shares})
+    rest.sort(key=lambda row: -max(row["share"]))
+    return [row for row in [*shown, *rest] if max(row["share"]) >= SMALLEST_SHARE]
 
 
 def _ellipse(row: Mapping[str, Any]) -> dict[str, Any]:

@@ -8,18 +8,18 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from nebosvod.errors import counted
+from nebosvod.compare import shown_budget
+from nebosvod.errors import counted, listed
 
 UNITS = {"m_s": "m/s"}
 BUDGET_ROWS = 8
-SMALLEST_SHARE = 0.0005  # what would be shown as 0.0
 
 
 def print_comparison(found: Mapping[str, Any], console: Console | None = None) -> None:
     """Print warnings, runs, sigmas of orbit and predictions, and what is to blame in each."""
     out = console or Console(highlight=False, soft_wrap=True)
     for run in found["runs"]:
-        by = ", ".join(run["telescopes"])
+        by = listed(run["telescopes"])
         said = f"{run['label']}: {run['object']}, {counted(run['n_observations'], 'measurement')} by {by}"
         out.print(escape(f"{said}; estimator {run['estimator']}"))
     for warning in found["warnings"]:
@@ -28,10 +28,12 @@ def print_comparison(found: Mapping[str, Any], console: Console | None = None) -
     out.print(_estimators(found, labels))
     if found["predictions"]:
         out.print(_predictions(found, labels))
-    out.print(_shares("What is to blame for the position sigma, %", found["budget"], labels))
-    for row in found["predictions"]:
-        if row["comparable"]:
-            out.print(_shares(f"What is to blame for {escape(row['name'])}, %", row["budget"], labels))
+    telescopes = sorted({name for run in found["runs"] for name in run["telescopes"]})
+    blamed = [("the position sigma", found["budget"])]
+    blamed += [(row["name"], row["budget"]) for row in found["predictions"] if row["comparable"]]
+    for what, rows in blamed:
+        shown = shown_budget(rows, telescopes, BUDGET_ROWS)
+        out.print(_shares(f"What is to blame for {escape(what)}, %", shown, labels))
 
 
 def _table(title: str, left: str, labels: Sequence[str]) -> Table:
@@ -69,6 +71,6 @@ def _predictions(found: Mapping[str, Any], labels: Sequence[str]) -> Table:
 
 def _shares(title: str, rows: Sequence[Mapping[str, Any]], labels: Sequence[str]) -> Table:
     table = _table(title, "source", labels)
-    for row in [row for row in rows if max(row["share"]) >= SMALLEST_SHARE][:BUDGET_ROWS]:
+    for row in rows:
         table.add_row(escape(row["source"]), *(f"{100.0 * share:.1f}" for share in row["share"]))
     return table

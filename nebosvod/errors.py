@@ -4,10 +4,19 @@ A message says where, what was found, what is allowed and what to do next. Wrong
 numerical failure inside a run is a status of the result, not an exception.
 """
 
+from collections.abc import Sequence
+
 
 def counted(number: int, noun: str) -> str:
     """`1 record`, `2 records`, for a message."""
     return f"{number} {noun}" + ("" if number == 1 else "s")
+
+
+def listed(names: Sequence[str], most: int = 6) -> str:
+    """`NEB-1, NEB-2`; of many the first few: `W84, F51, M22 and 57 others`."""
+    if len(names) <= most:
+        return ", ".join(names)
+    return f"{', '.join(names[: most // 2])} and {len(names) - most // 2} others"
 
 
 class NebosvodError(Exception):

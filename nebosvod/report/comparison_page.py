@@ -6,6 +6,8 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
+from nebosvod.compare import shown_budget
+from nebosvod.errors import listed
 from nebosvod.report import wording
 from nebosvod.report.base import render
 from nebosvod.report.chart import Chart
@@ -20,13 +22,13 @@ from nebosvod.report.wording import NBSP, TIMES, join, percent, product, quantit
 Item = Mapping[str, Any]
 LEVEL = 3.0
 DASHES = ("", "7 3", "2 3", "8 3 2 3", "4 2", "1 2")
-MOST = 15  # sources in a table
-SMALLEST = 0.0005  # share that would be shown as 0
+MOST = 12  # sources in a table by themselves
 
 
 def make_comparison_page(found: Item) -> str:
     """Return the page of what `nebosvod compare --json` prints; the same comparison gives the same bytes."""
     labels = [run["label"] for run in found["runs"]]
+    telescopes = sorted({name for run in found["runs"] for name in run["telescopes"]})
     return render(
         "comparison.html",
         kind="Comparison",
@@ -36,7 +38,8 @@ def make_comparison_page(found: Item) -> str:
         plates=[ellipse_plate(row, labels) for row in found["ellipses"]],
         orbit=_orbit(found, labels),
         predictions=_predictions(found, labels),
-        budgets=[_budget(row, labels) for row in found["predictions"] if row["comparable"]],
+        budgets=[_budget(row, labels, telescopes) for row in found["predictions"] if row["comparable"]],
+        listed=listed,
     )
 
 
@@ -119,9 +122,9 @@ def _predictions(found: Item, labels: Sequence[str]) -> Table | None:
     )
 
 
-def _budget(row: Item, labels: Sequence[str]) -> Table:
+def _budget(row: Item, labels: Sequence[str], telescopes: Sequence[str]) -> Table:
     """Who is to blame for one prediction in each run."""
-    shown = [one for one in row["budget"] if max(one["share"]) >= SMALLEST][:MOST]
+    shown = shown_budget(row["budget"], telescopes, MOST)
     return Table(
         caption=Markup("What is to blame for {}: share of the variance").format(row["name"]),
         head=("source", *labels),

@@ -11,8 +11,8 @@ import pytest
 
 import nebosvod
 from nebosvod.cli import main
-from nebosvod.compare import compare
-from nebosvod.errors import InputError
+from nebosvod.compare import compare, shown_budget
+from nebosvod.errors import InputError, listed
 
 SCHEMA = json.loads((Path(nebosvod.__file__).parent / "comparison.schema.json").read_text("utf-8"))
 Change = Callable[[dict[str, Any]], None]
@@ -236,3 +236,22 @@ def test_one_telescope_against_two_costs_what_two_missions_say(tmp_path: Path, m
     assert noise["share"][0] > 0.1
     assert noise["share"][1] == 0.0
     assert [run["telescopes"] for run in found["runs"]] == [["ahead", "behind"], ["ahead"]]
+
+
+def test_many_telescopes_are_told_by_the_first_few_and_many_sources_by_the_largest() -> None:
+    stations = [f"S{k:02d}" for k in range(40)]
+    assert listed(stations) == "S00, S01, S02 and 37 others"
+    assert listed(stations[:6]) == ", ".join(stations[:6])
+    rows = [{"source": f"bias {name}", "share": [0.4 / 2**k, 0.2 / 2**k]} for k, name in enumerate(stations)]
+    rows += [{"source": f"timing {name}", "share": [0.0, 0.015]} for name in stations[:39]]
+    rows += [{"source": "prior orbit", "share": [0.0, 0.015]}, {"source": "A2", "share": [1e-5, 1e-5]}]
+    rows.sort(key=lambda row: -max(row["share"]))
+    shown = shown_budget(rows, stations, 4)
+    names = [row["source"] for row in shown]
+    assert names == [
+        "bias S00", "bias S01", "bias S02", "bias S03",
+        "timing, 39 together", "bias, 36 others together", "prior orbit",
+    ]  # fmt: skip
+    for run in (0, 1):
+        whole, kept = (sum(row["share"][run] for row in part) for part in (rows, shown))
+        assert kept == pytest.approx(whole, abs=2e-5)  # but for A2, which would be shown as 0
