@@ -47,6 +47,7 @@ fuzz: $(STAMP)
 
 schema: $(STAMP)
 	$(BIN)/nebosvod schema > scenarios/nebosvod.schema.json
+	$(BIN)/nebosvod schema --fit > scenarios/fit.schema.json
 	$(BIN)/python tools/mission_reference.py
 
 docs: $(STAMP)

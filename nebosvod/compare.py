@@ -260,7 +260,7 @@ def shown_budget(rows: Sequence[Mapping[str, Any]], telescopes: Sequence[str], m
     kinds: dict[str, list[Mapping[str, Any]]] = {}
     for row in rows[most:]:
         kinds.setdefault(kind_of(row["source"], list(telescopes)), []).append(row)
-    rest = []
+    rest: list[dict[str, Any]] = []
     for kind, members in kinds.items():
         words = "others together" if kind in named else "together"
         source = members[0]["source"] if len(members) == 1 else f"{kind}, {len(members)} {words}"

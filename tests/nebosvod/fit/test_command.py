@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import nebosvod.fit
+import nebosvod.scenarios
 from nebosvod.cli import main
 from nebosvod.mission import load_fit
 from nebosvod.mission.schema import fit_schema
@@ -186,6 +187,8 @@ def test_the_settings_are_described_by_the_schema(tmp_path):
     jsonschema.Draft202012Validator.check_schema(schema)
     assert "telescopes" not in schema["properties"]
     assert load_fit(settings(tmp_path)).fit.observations == ("2023DW.obs80",)
+    stored = Path(nebosvod.scenarios.__file__).with_name("fit.schema.json").read_text("utf-8")
+    assert json.loads(stored) == json.loads(json.dumps(schema)), "make schema writes it anew"
 
 
 WRONG = {
