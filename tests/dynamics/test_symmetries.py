@@ -12,7 +12,15 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from nebosvod.dynamics import Ephemeris, ForceModel, Nongrav, RadiationPressure, find_encounters, propagate
+from nebosvod.dynamics import (
+    Ephemeris,
+    ForceModel,
+    Nongrav,
+    RadiationPressure,
+    find_encounters,
+    propagate,
+    propagate_many,
+)
 from nebosvod.dynamics.constants import AU_KM, DAY_S
 from nebosvod.dynamics.elements import keplerian_to_state
 from nebosvod.dynamics.ephemeris import DATA
@@ -158,6 +166,21 @@ def test_the_origin_of_time_does_not_matter(
     again = propagate(direct.state[0], moved, [times[1] - times[0]], full_forces, tolerance=1e-12)
     growth = np.abs(scaled(again.Phi[0])).max() * np.abs(scaled(direct.Phi[0])).max()
     assert np.linalg.norm((again.state[0] - direct.state[1])[:3]) < 1e-5 * growth
+
+
+@SOME
+@given(orbit=ORBITS, sign=st.sampled_from([1.0, -1.0]), seed=st.integers(0, 100))
+def test_a_cloud_flies_as_its_members_one_by_one(
+    full_forces: ForceModel, orbit: tuple[float, ...], sign: float, seed: int
+) -> None:
+    """1 mm after a year, or a revolution (300 random orbits: the median is 0.09 mm, the largest 0.6 mm)."""
+    spread = np.array([100.0, 100.0, 100.0, 1e-5, 1e-5, 1e-5])
+    starts = state_of(orbit) + np.random.default_rng(seed).normal(size=(3, 6)) * spread
+    ones = [propagate(start, EPOCH, [sign * YEAR_S], full_forces, False) for start in starts]
+    assume(keeps_off(ones[0]))
+    many = propagate_many(starts, EPOCH, [sign * YEAR_S], full_forces)
+    for k in range(3):
+        assert np.abs(many.state[k] - ones[k].state)[:, :3].max() < 1e-6 * max(1.0, orbit[0] ** -1.5)
 
 
 @pytest.fixture(scope="module")
