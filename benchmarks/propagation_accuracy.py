@@ -2,23 +2,26 @@
 
 Every end is compared with a propagation in long double under the forces of that program (peers/reference.py), so that
 neither a difference of forces nor another program's error enters. Sun, planets and Moon, relativity of the Sun, A1-A3;
-nebosvod and kete with J2 of Sun and Earth and without Pluto, kete also with relativity and J2 of Jupiter, assist with
-Pluto and without oblateness. No asteroids: they change the forces, not the integrators.
+nebosvod and kete with J2 of Sun and Earth, kete also with relativity and J2 of Jupiter, assist without oblateness. Once
+without asteroids (kete then without Pluto, and nebosvod too), once with sixteen.
 
 Usage: python benchmarks/propagation_accuracy.py
 """
 
+import datetime
+import os
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 from peers.cases import A123, EPOCH, OBJECTS, YEAR_D, Array, start_km
-from peers.programs import Assist, Kete, Ours, Program, cpu_ms
+from peers.programs import Assist, Bodies, Kete, Ours, Program, cpu_ms
 from peers.reference import Forces, propagate
 
 from nebosvod.dynamics import Ephemeris
 from nebosvod.dynamics.constants import AU_KM, DAY_S
-from nebosvod.dynamics.ephemeris import PLANETS
+from nebosvod.dynamics.ephemeris import ASTEROIDS, PLANETS
 from nebosvod.dynamics.model import SUN_POLE
 
 TOLERANCES = (1e-13, 1e-12, 1e-11, 1e-10, 1e-9, 3e-9, 1e-8, 1e-7, 1e-6)
@@ -26,13 +29,14 @@ LIMIT_M = 0.02
 FLOORS_M = {1.0: 0.001, 10.0: 0.02}  # what the rounding of starts and times alone may make, by years
 
 
-def forces_of(program: str) -> Forces:
+def forces_of(program: str, asteroids: Bodies) -> Forces:
     """The forces of a program as its sources state them."""
     ephemeris = Ephemeris.load()
-    gm = {name: ephemeris.gm_km3_s2[name] for name in PLANETS}
+    gm = {name: ephemeris.gm_km3_s2[name] for name in PLANETS + ASTEROIDS * (asteroids == "sixteen")}
+    if program != "assist" and asteroids == "none":
+        del gm["pluto"]
     scalars, north, ecliptic = ephemeris.scalars, (0.0, 0.0, 1.0), np.radians(84381.448 / 3600.0)
     if program == "kete":
-        del gm["pluto"]
         pole = (0.0, -np.sin(ecliptic), np.cos(ecliptic))
         oblate = {
             "sun": (2.2e-7, 0.0046547588 * AU_KM, SUN_POLE),
@@ -42,7 +46,6 @@ def forces_of(program: str) -> Forces:
         return Forces(ephemeris=ephemeris, gm=gm, relativistic=("sun", "jupiter"), oblate=oblate, a123=A123)
     if program == "assist":
         return Forces(ephemeris=ephemeris, gm=gm, oblate={}, a123=A123)
-    gm["pluto"] = 1e-12  # nebosvod with the bodies of kete
     oblate = {
         "sun": (scalars["sun_j2"], scalars["sun_radius_km"], SUN_POLE),
         "earth": (scalars["earth_j2"], scalars["earth_radius_km"], north),
@@ -62,16 +65,16 @@ class Runs:
     partials_ms: list[float] = field(default_factory=list)
 
 
-def candidates() -> list[Runs]:
+def candidates(asteroids: Bodies) -> list[Runs]:
     """All programs and settings that run here."""
-    rows = [Runs("nebosvod", f"{t:.0e}", lambda t=t: Ours("none", "kete", t)) for t in TOLERANCES]
-    rows.append(Runs("kete", "only", lambda: Kete("none")))
+    rows = [Runs("nebosvod", f"{t:.0e}", partial(Ours, asteroids, "kete", t)) for t in TOLERANCES]
+    rows.append(Runs("kete", "only", partial(Kete, asteroids)))
     epsilons = (1e-11, None, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3)
-    rows += [Runs("assist", f"{e or 1e-9:.0e}", lambda e=e: Assist("none", e, oblate=False)) for e in epsilons]
+    rows += [Runs("assist", f"{e or 1e-9:.0e}", partial(Assist, asteroids, e, oblate=False)) for e in epsilons]
     return rows
 
 
-def measure(rows: list[Runs], years: float) -> None:
+def measure(rows: list[Runs], asteroids: Bodies, years: float) -> None:
     """Fill in errors and times, the programs in turn at each object."""
     programs: list[tuple[Runs, Program]] = []
     for row in rows:
@@ -79,7 +82,7 @@ def measure(rows: list[Runs], years: float) -> None:
             programs.append((row, row.make()))
         except (ImportError, AttributeError, RuntimeError, OSError) as error:
             print(f"{row.program} is left out: {error}", flush=True)
-    forces = {name: forces_of(name) for name in {row.program for row, _ in programs}}
+    forces = {name: forces_of(name, asteroids) for name in {row.program for row, _ in programs}}
     days = years * YEAR_D
     for name in OBJECTS:
         start = start_km(name)
@@ -100,7 +103,7 @@ def error_m(program: Program, start: Array, days: float, end_km: Array) -> float
 def show(rows: list[Runs], years: float) -> None:
     """Errors and times of every setting."""
     heads = ("setting", "error: median, largest but Apophis, Apophis (m)", f"within {LIMIT_M} m", "X ms", "var ms")
-    print(f"\n{years:g} y | {' | '.join(heads)}")
+    print(f"{years:g} y | {' | '.join(heads)}")
     apophis = list(OBJECTS).index("99942 Apophis")
     for row in rows:
         if row.errors_m:
@@ -149,13 +152,16 @@ def tell(title: str, ratios: Array) -> None:
 
 
 def main() -> None:
-    """One and ten years."""
-    for years in FLOORS_M:
-        rows = candidates()
-        measure(rows, years)
-        show(rows, years)
-        match(rows, years)
-        at_limit(rows, years)
+    """Without and with asteroids, one and ten years."""
+    every: tuple[Bodies, ...] = ("none", "sixteen")
+    for asteroids in every:
+        for years in FLOORS_M:
+            print(f"\n{datetime.date.today()}, load average {os.getloadavg()[0]:.1f}, asteroids: {asteroids}")
+            rows = candidates(asteroids)
+            measure(rows, asteroids, years)
+            show(rows, years)
+            match(rows, years)
+            at_limit(rows, years)
 
 
 if __name__ == "__main__":
