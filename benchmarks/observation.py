@@ -76,7 +76,7 @@ def carriers(ephemeris: Ephemeris) -> dict[str, Spacecraft]:
     }
 
 
-def rate(work: Callable[[], object], epochs: int, passes: int = 3) -> float:
+def rate(work: Callable[[], object], epochs: int, passes: int = 12) -> float:
     """Epochs per CPU second, the best of several passes after one that loads the kernels."""
     work()
     times = []
@@ -159,8 +159,8 @@ def main(epochs: int) -> None:
     print(f"{'baseline':14s} {'':>10s} {'':>7s} {plain / 1e6:25.3f} {1.0:6.1f}")
     for kind, spacecraft in carriers(ephemeris).items():
         telescope = Telescope(name="A", spacecraft=spacecraft, sigma_rad=5e-7)
-        places = rate(lambda s=spacecraft: s.state_km_km_s(ephemeris, EPOCH, t_s), epochs, 2)
-        psi = rate(lambda s=spacecraft: sight(trajectory, s, t_s, ephemeris), epochs, 3)
+        places = rate(lambda s=spacecraft: s.state_km_km_s(ephemeris, EPOCH, t_s), epochs)
+        psi = rate(lambda s=spacecraft: sight(trajectory, s, t_s, ephemeris), epochs)
         full = rate(lambda t=telescope: observe(trajectory, t, t_s, ephemeris), epochs)
         print(f"{kind:14s} {places / 1e6:10.2f} {psi / 1e6:7.2f} {full / 1e6:25.2f} {full / plain:6.1f}", flush=True)
     for kind in ("companion", "geostationary"):
