@@ -5,12 +5,14 @@ into a heliocentric position. The set-up of other programs is not timed; of nebo
 cannot run here raises RuntimeError, ImportError, AttributeError or OSError with the reason.
 """
 
+import atexit
 import contextlib
 import dataclasses
 import importlib
 import io
 import json
 import os
+import shutil
 import sys
 import tempfile
 from collections.abc import Callable, Sequence
@@ -190,7 +192,9 @@ class Kete:
     def __init__(self, asteroids: Bodies) -> None:
         ephemeris = Ephemeris.load()
         if "kete" not in sys.modules:
-            core = Path(tempfile.mkdtemp(prefix="kete-")) / "kernels" / "core"
+            cache = Path(tempfile.mkdtemp(prefix="kete-"))
+            atexit.register(shutil.rmtree, cache, ignore_errors=True)
+            core = cache / "kernels" / "core"
             core.mkdir(parents=True)
             for name in ("de440s", "wise", "spitzer", "spherex"):
                 (core / f"{name}.bsp").symlink_to(planets_file())
@@ -198,7 +202,7 @@ class Kete:
             for name in ("2", "4", "10", "704"):
                 (core / f"{name}.bsp").symlink_to(core / "1.bsp")
             (core / "earth_combined.bpc").touch()
-            os.environ["KETE_CACHE_DIR"] = str(core.parent.parent)
+            os.environ["KETE_CACHE_DIR"] = str(cache)
         self.module, self.asteroids = importlib.import_module("kete"), asteroids
         if asteroids == "five" and Kete.everything:
             raise RuntimeError("the other eleven asteroids are registered already")
