@@ -333,6 +333,19 @@ def test_start_at_the_centre_of_a_body_stops_at_once(ephemeris: Ephemeris, days:
         propagate(venus, epoch, [days * DAY_S], ForceModel(ephemeris=ephemeris))
 
 
+def test_fall_into_an_asteroid_stops_when_it_gets_there(ephemeris: Ephemeris) -> None:
+    """Half a minute: 20,000 km at 1 km/s, and the last thousand a little faster by the pull of Ceres."""
+    epoch = Epoch.parse("2030-05-01T00:00:00 TDB")
+    ceres = (ephemeris.state_km_km_s("ceres", epoch, 0.0) - ephemeris.state_km_km_s("sun", epoch, 0.0))[0]
+    start = ceres + np.array([20000.0, 0.0, 0.0, -1.0, 0.0, 0.0])
+    with pytest.raises(EventError, match="the integration stops at") as caught:
+        propagate(start, epoch, [3.0 * DAY_S], ForceModel(ephemeris=ephemeris), False)
+    r, gm = np.linspace(1.0, 20000.0, 200001), ephemeris.gm_km3_s2["ceres"]
+    flight_s = np.trapezoid(1.0 / np.sqrt(1.0 + 2.0 * gm * (1.0 / r - 1.0 / 20000.0)), r)
+    stopped = Epoch.parse(str(caught.value).split("stops at ")[1].split(" on its way")[0]) - epoch
+    assert stopped == pytest.approx(flight_s, abs=30.0)
+
+
 def test_arc_of_too_many_steps_is_an_event_and_no_trajectory(
     ephemeris: Ephemeris, neo: Neo, monkeypatch: pytest.MonkeyPatch
 ) -> None:
