@@ -7,7 +7,7 @@ and z. `states_of_series` serves the ephemeris itself, at any number of times.
 import numpy as np
 import numpy.typing as npt
 
-from nebosvod.dynamics.compilation import LANES, exact_kernel, kernel
+from nebosvod.dynamics.compilation import LANES, exact_kernel, inlined_kernel
 from nebosvod.dynamics.constants import DAY_S
 from nebosvod.dynamics.ephemeris import MOST_ORDERS
 
@@ -16,38 +16,17 @@ Integers = npt.NDArray[np.int64]
 SUN, EARTH, MOON, FIRST_ASTEROID = 0, 3, 4, 11
 
 
-@kernel
-def series_at(n: int, t: Array, coefficients: Array, layout: Integers, timing: Array, b: int, P: Array) -> None:
-    """Position of series b, relative to its own centre, into row b of P (bodies, 24), km."""
-    offset, order, records = layout[b, 0], layout[b, 1], layout[b, 2]
-    start, per_record = timing[b, 0], 1.0 / timing[b, 1]
-    for l in range(n):
-        place = (t[l] - start) * per_record
-        record = max(0, min(int(place), records - 1))
-        u = 2.0 * (place - record) - 1.0
-        k = np.uint64(offset + record * 3 * order)
-        x, y, z = coefficients[k], coefficients[k + np.uint64(1)], coefficients[k + np.uint64(2)]
-        before, now = 1.0, u
-        for _ in range(1, order):
-            k += np.uint64(3)
-            x += now * coefficients[k]
-            y += now * coefficients[k + np.uint64(1)]
-            z += now * coefficients[k + np.uint64(2)]
-            before, now = now, 2.0 * u * now - before
-        P[b, l], P[b, LANES + l], P[b, 2 * LANES + l] = x, y, z
-
-
-@kernel
+@inlined_kernel
 def bodies_at(
-    n: int, t: Array, coefficients: Array, layout: Integers, timing: Array, mass_ratio: float, P: Array
-) -> None:
-    """Barycentric positions P (bodies, 24) in km at the n times t (seconds after the epoch).
+    n: int, t: Array, coefficients: Array, layout: Integers, timing: Array, mass_ratio: float,
+    T: Array, u: Array, record: Array, P: Array,
+) -> None:  # fmt: skip
+    """Barycentric positions P (bodies, 24) in km at the n times t (seconds after the epoch), which are in order.
 
     Bodies whose records have the same edges share one table of Chebyshev polynomials; a sum over it runs in all lanes
     at once, for each record that the times touch. Measured for 27 bodies at the nodes of a step: 3.1 us body by body
-    and node by node, 0.6 us so.
+    and node by node, 0.6 us so. T (8 * MOST_ORDERS,), u and record (8,) are scratch.
     """
-    T, u, record = np.empty(LANES * MOST_ORDERS), np.empty(8), np.empty(8, np.int64)
     first, bodies = 0, layout.shape[0]
     while first < bodies:
         end = first + 1
@@ -58,29 +37,25 @@ def bodies_at(
             and timing[end, 1] == timing[first, 1]
         ):
             end += 1
-        for b in range(first, end):
-            for i in range(24):
-                P[b, i] = 0.0
         _place(n, t, timing[first, 0], timing[first, 1], layout[first, 2], u, record)
         _tabulate(n, u, T)
-        for l in range(n):
-            if l == 0 or record[l] != record[l - 1]:  # the times are in order: lanes of one record are neighbours
-                _add_record(n, T, coefficients, layout, first, end, record, record[l], P)
+        for b in range(first, end):
+            _sum_series(n, T, coefficients, layout[b, 0], layout[b, 1], record, P[b])
         first = end
     _assemble(mass_ratio, P)
 
 
-@kernel
-def _place(n: int, t: Array, start: float, length: float, records: int, u: Array, record: Integers) -> None:
+@inlined_kernel
+def _place(n: int, t: Array, start: float, length: float, records: int, u: Array, record: Array) -> None:
     """Record of each time and place u in [-1, 1] inside it."""
     per_record = 1.0 / length
     for l in range(n):
         place = (t[l] - start) * per_record
-        record[l] = max(0, min(int(place), records - 1))
+        record[l] = max(0.0, min(np.floor(place), records - 1.0))
         u[l] = 2.0 * (place - record[l]) - 1.0
 
 
-@kernel
+@inlined_kernel
 def _tabulate(n: int, u: Array, T: Array) -> None:
     """T[8 j + l] = T_j(u_l) for j < MOST_ORDERS, from T_j = 2 T_a T_b - T_(b-a), a + b = j: a chain of log j, not of j.
 
@@ -96,16 +71,30 @@ def _tabulate(n: int, u: Array, T: Array) -> None:
             )
 
 
-@kernel
-def _add_record(
-    n: int, T: Array, coefficients: Array, layout: Integers, first: int, end: int, record: Integers, r: int, P: Array
-) -> None:
-    """Add the sums of record r to its lanes of rows first .. end - 1 of P; orders are padded to a multiple of eight."""
+@inlined_kernel
+def _tabulate_slopes(n: int, u: Array, scale: float, T: Array) -> None:
+    """T[8 j + l] = scale T_j'(u_l) = scale j U_(j-1)(u_l) for j < MOST_ORDERS."""
+    for l in range(n):
+        q = np.uint64(l)
+        before, now = 0.0, scale
+        T[q] = 0.0
+        for j in range(1, MOST_ORDERS):
+            T[np.uint64(8 * j) + q] = j * now
+            before, now = now, 2.0 * u[l] * now - before
+
+
+@inlined_kernel
+def _sum_series(n: int, T: Array, coefficients: Array, offset: int, orders: int, record: Array, out: Array) -> None:
+    """Sums (24,) of one series in all lanes, record by record; orders are padded to a multiple of eight."""
     # Unsigned indices: one that could be negative keeps the lanes from being vectorised (65 ns a body instead of 20).
     # The constant range is unrolled, so that sums stay in registers; two of each halve the chain of additions.
-    for b in range(first, end):
-        k, j = np.uint64(layout[b, 0] + r * 3 * layout[b, 1]), np.uint64(0)
-        for _ in range(layout[b, 1] // 8):
+    for l in range(n):
+        out[l], out[8 + l], out[16 + l] = 0.0, 0.0, 0.0
+    for first in range(n):
+        if first > 0 and record[first] == record[first - 1]:
+            continue  # the times are in order: lanes of one record are neighbours
+        k, j = np.uint64(offset + int(record[first]) * 3 * orders), np.uint64(0)
+        for _ in range(orders // 8):
             for l in range(n):
                 x, y, z, p, q, s = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
                 for i in range(0, 8, 2):
@@ -117,15 +106,16 @@ def _add_record(
                     p += coefficients[at + np.uint64(3)] * odd
                     q += coefficients[at + np.uint64(4)] * odd
                     s += coefficients[at + np.uint64(5)] * odd
-                here = 1.0 if record[l] == r else 0.0  # not a branch: a masked store stalls the load that follows it
-                P[b, l] += here * (x + p)
-                P[b, 8 + l] += here * (y + q)
-                P[b, 16 + l] += here * (z + s)
+                # Not a branch: a masked store stalls the load that follows it
+                here = 1.0 if record[l] == record[first] else 0.0
+                out[l] += here * (x + p)
+                out[8 + l] += here * (y + q)
+                out[16 + l] += here * (z + s)
             k += np.uint64(24)
             j += np.uint64(64)
 
 
-@kernel
+@inlined_kernel
 def _assemble(mass_ratio: float, P: Array) -> None:
     """Earth and Moon from their barycentre and the geocentric Moon's share; asteroids from the Sun, their centre."""
     share = 1.0 / mass_ratio
@@ -138,38 +128,37 @@ def _assemble(mass_ratio: float, P: Array) -> None:
             P[b, i] += P[SUN, i]
 
 
-@kernel
+@inlined_kernel
 def major_velocities_at(
-    n: int, t: Array, coefficients: Array, layout: Integers, timing: Array, mass_ratio: float, W: Array
-) -> None:
+    n: int, t: Array, coefficients: Array, layout: Integers, timing: Array, mass_ratio: float,
+    T: Array, u: Array, record: Array, W: Array,
+) -> None:  # fmt: skip
     """Barycentric velocities W (11, 24) of Sun, planets, Moon and Pluto in km/s at the n times t."""
     for b in range(FIRST_ASTEROID):
-        velocity_at(n, t, coefficients, layout, timing, b, W[b])
-    _assemble(mass_ratio, W)
+        velocity_at(n, t, coefficients, layout, timing, b, T, u, record, W[b])
+    _assemble(mass_ratio, W[:FIRST_ASTEROID])
 
 
-@kernel
+@inlined_kernel
+def position_at(
+    n: int, t: Array, coefficients: Array, layout: Integers, timing: Array, b: int,
+    T: Array, u: Array, record: Array, position: Array,
+) -> None:  # fmt: skip
+    """Position (24,) of series b in km, relative to its own centre, at the n times t; scratch as in `bodies_at`."""
+    _place(n, t, timing[b, 0], timing[b, 1], layout[b, 2], u, record)
+    _tabulate(n, u, T)
+    _sum_series(n, T, coefficients, layout[b, 0], layout[b, 1], record, position)
+
+
+@inlined_kernel
 def velocity_at(
-    n: int, t: Array, coefficients: Array, layout: Integers, timing: Array, b: int, velocity: Array
-) -> None:
-    """Velocity (24,) of series b in km/s at the n times t: the derivative sum of k c_k U_(k-1)."""
-    offset, order, records = layout[b, 0], layout[b, 1], layout[b, 2]
-    start, per_record = timing[b, 0], 1.0 / timing[b, 1]
-    for l in range(n):
-        place = (t[l] - start) * per_record
-        record = max(0, min(int(place), records - 1))
-        u = 2.0 * (place - record) - 1.0
-        k = np.uint64(offset + record * 3 * order)
-        x, y, z = 0.0, 0.0, 0.0
-        before, now = 0.0, 1.0
-        for j in range(1, order):
-            k += np.uint64(3)
-            slope = 2.0 * per_record * j * now
-            x += slope * coefficients[k]
-            y += slope * coefficients[k + np.uint64(1)]
-            z += slope * coefficients[k + np.uint64(2)]
-            before, now = now, 2.0 * u * now - before
-        velocity[l], velocity[LANES + l], velocity[2 * LANES + l] = x, y, z
+    n: int, t: Array, coefficients: Array, layout: Integers, timing: Array, b: int,
+    T: Array, u: Array, record: Array, velocity: Array,
+) -> None:  # fmt: skip
+    """Velocity (24,) of series b in km/s at the n times t; scratch as in `bodies_at`."""
+    _place(n, t, timing[b, 0], timing[b, 1], layout[b, 2], u, record)
+    _tabulate_slopes(n, u, 2.0 / timing[b, 1], T)
+    _sum_series(n, T, coefficients, layout[b, 0], layout[b, 1], record, velocity)
 
 
 @exact_kernel

@@ -142,7 +142,7 @@ def _order(table: StepTable, t_s: Array) -> _Order:
         k = int(step_of(float(t), table.edges))
         h = float(table.steps.length[k])
         s = float((t - table.steps.start[k]) / h)
-        step_weights(s, h, weights[e])
+        step_weights(8, s, h, weights[e])
         weights[e, 16] = s * h
         leg[e], step[e] = (0, behind - 1 - k) if k < behind else (1, k - behind)
     return _Order(leg, step, weights)

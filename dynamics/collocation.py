@@ -37,6 +37,7 @@ TO_LEGENDRE: Array = np.array([(2 * k + 1) * WEIGHTS * row for k, row in enumera
 A: Array = _first_integrals(_x).T @ TO_LEGENDRE
 AA: Array = A @ A
 POSITION_WEIGHTS: Array = WEIGHTS @ A
+STEP_WEIGHTS: Array = np.concatenate([WEIGHTS, POSITION_WEIGHTS])  # over a whole step: of the velocity, the position
 # transposed and flat, [j * 8 + i]: the order in which the kernels run
 A_FLAT: Array = np.ascontiguousarray(A.T).ravel()
 AA_FLAT: Array = np.ascontiguousarray(AA.T).ravel()

@@ -9,13 +9,14 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from nebosvod.dynamics.chebyshev import series_at, velocity_at
+from nebosvod.dynamics.chebyshev import position_at, velocity_at
 from nebosvod.dynamics.collocation import TO_LEGENDRE_FLAT
-from nebosvod.dynamics.compilation import kernel
+from nebosvod.dynamics.compilation import SUN, kernel
 from nebosvod.dynamics.ephemeris import Window
-from nebosvod.dynamics.integrator import nodes_width, tabulate_nodes
 from nebosvod.dynamics.model import Physics
-from nebosvod.dynamics.workspace import NO_STEPS, Steps
+from nebosvod.dynamics.nodes import nodes_width, tabulate_nodes
+from nebosvod.dynamics.stages import weighed
+from nebosvod.dynamics.workspace import NO_STEPS, Steps, memory
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
@@ -42,8 +43,9 @@ class StepTable:
         if not self.nodes:
             for leg in self.legs:
                 guide = leg or NO_STEPS
-                nodes = np.empty((len(guide.start), int(nodes_width(w.layout.shape[0]))))
-                tabulate_nodes(8, guide, physics, w.coefficients, w.layout, w.timing, nodes)
+                bodies = len(w.layout)
+                nodes = np.zeros((len(guide.start), nodes_width(bodies)))
+                tabulate_nodes(8, guide, physics, w.coefficients, w.layout, w.timing, memory(bodies, 0), nodes)
                 self.nodes.append(nodes)
         return tuple((leg or NO_STEPS, nodes) for leg, nodes in zip(self.legs, self.nodes))
 
@@ -52,7 +54,9 @@ class StepTable:
         state = np.empty((len(t_s), 6))
         partials = np.empty((len(t_s), 6, self.count if variations else 0))
         w = self.window
-        _evaluate(1, t_s, self.edges, self.steps, w.coefficients, w.layout, w.timing, state, partials)
+        _evaluate(
+            8, 1, t_s, self.edges, self.steps, w.coefficients, w.layout, w.timing, np.empty((7, 128)), state, partials
+        )
         return state, partials
 
 
@@ -69,8 +73,9 @@ def join(
         merged = parts[0] if len(parts) == 1 else Steps(*(np.concatenate(fields) for fields in zip(*parts)))
     edges = np.empty(len(merged.start) + 1)
     edges[:-1] = merged.start
-    edges[:behind] += merged.length[:behind]  # a backward step ends at its lower edge
-    edges[-1] = merged.start[-1] + max(float(merged.length[-1]), 0.0)
+    if behind:
+        edges[:behind] += merged.length[:behind]  # a backward step ends at its lower edge
+    edges[-1] = merged.start.item(-1) + max(merged.length.item(-1), 0.0)
     return StepTable(
         edges=edges,
         steps=merged,
@@ -95,56 +100,54 @@ def step_of(t: float, edges: Array) -> int:
 
 
 @kernel
-def step_weights(s: float, h: float, weights: Array) -> None:
-    """Weights (16,) of the nodal accelerations: first for the velocity at the fraction s of a step h, then position."""
-    x = 2.0 * s - 1.0
-    P = np.empty(10)
-    P[0], P[1] = 1.0, x
-    for k in range(1, 9):
-        P[k + 1] = ((2 * k + 1) * x * P[k] - k * P[k - 1]) / (k + 1)
-    once = np.empty(9)
-    once[0] = s
-    for k in range(1, 9):
-        once[k] = (P[k + 1] - P[k - 1]) / (2.0 * (2 * k + 1))
-    for j in range(16):
-        weights[j] = 0.0
-    for k in range(8):
-        twice = 0.5 * s * s if k == 0 else (once[k + 1] - once[k - 1]) / (2.0 * (2 * k + 1))
-        for j in range(8):
-            weights[j] += h * once[k] * TO_LEGENDRE_FLAT[8 * k + j]
+def step_weights(n: int, s: float, h: float, weights: Array) -> None:
+    """Weights of the n = 8 nodal accelerations: for the velocity at the fraction s of a step h, then for the position.
+
+    From 0 to s, P_k(2s - 1) integrates to 2 s (s - 1) P_k'/(k (k + 1)), which is exactly zero at the ends, and that,
+    I_k, to (I_(k+1) - I_(k-1)) / (2 (2k + 1)).
+    """
+    x, edge = 2.0 * s - 1.0, 2.0 * s * (s - 1.0)
+    before, here, slope_before, slope = 1.0, x, 0.0, 1.0  # P_(k-1), P_k and their derivatives for k = 1
+    once_before, once = s, 0.5 * edge
+    for j in range(n):
+        weights[j] = h * s * TO_LEGENDRE_FLAT[j]
+        weights[8 + j] = 0.5 * h * h * s * s * TO_LEGENDRE_FLAT[j]
+    for k in range(1, 8):
+        before, here = here, ((2 * k + 1) * x * here - k * before) / (k + 1)
+        slope_before, slope = slope, slope_before + (2 * k + 1) * before
+        once_after = edge * slope / ((k + 1) * (k + 2))
+        twice = (once_after - once_before) / (2.0 * (2 * k + 1))
+        for j in range(n):
+            weights[j] += h * once * TO_LEGENDRE_FLAT[8 * k + j]
             weights[8 + j] += h * h * twice * TO_LEGENDRE_FLAT[8 * k + j]
+        once_before, once = once, once_after
 
 
 @kernel
 def _evaluate(
-    n: int, times: Array, edges: Array, steps: Steps, coefficients: Array, layout: Integers, timing: Array,
-    state: Array, partials: Array,
+    n: int, one: int, times: Array, edges: Array, steps: Steps, coefficients: Array, layout: Integers, timing: Array,
+    scratch: Array, state: Array, partials: Array,
 ) -> None:  # fmt: skip
-    """Fill heliocentric `state` (n, 6) and `partials` (n, 6, columns)."""
-    weights, sun, sun_velocity, moment = np.empty(16), np.empty((1, 24)), np.empty(24), np.empty(8)
-    count = partials.shape[2]
+    """Fill heliocentric `state` (n, 6) and `partials` (n, 6, columns); n and one are 8 and 1, scratch is (7, 128)."""
+    weights, moment, T, u, record = scratch[0], scratch[1], scratch[2], scratch[3], scratch[4]
+    sun, sun_velocity, count = scratch[5], scratch[6], partials.shape[2]
     rows = 3 * count
     for e in range(times.shape[0]):
         k = step_of(times[e], edges)
         h = steps.length[k]
         s = (times[e] - steps.start[k]) / h
-        step_weights(s, h, weights)
+        step_weights(n, s, h, weights)
         moment[0] = times[e]
-        series_at(n, moment, coefficients, layout, timing, 0, sun)
-        velocity_at(n, moment, coefficients, layout, timing, 0, sun_velocity)
+        position_at(one, moment, coefficients, layout, timing, SUN, T, u, record, sun)
+        velocity_at(one, moment, coefficients, layout, timing, SUN, T, u, record, sun_velocity)
         for i in range(3):
-            q, r = 0.0, 0.0
-            for j in range(8):
-                q += weights[j] * steps.acceleration[k, 8 * i + j]
-                r += weights[8 + j] * steps.acceleration[k, 8 * i + j]
-            state[e, i] = steps.state[k, i] + (s * h * steps.state[k, 3 + i] + r) - sun[0, 8 * i]
+            q, r = weighed(weights, steps.acceleration[k], 8 * i)
+            state[e, i] = steps.state[k, i] + (s * h * steps.state[k, 3 + i] + r) - sun[8 * i]
             state[e, 3 + i] = steps.state[k, 3 + i] + q - sun_velocity[8 * i]
         for c in range(count):
             for i in range(3):
-                q, r, o = 0.0, 0.0, 3 * c + i
-                for j in range(8):
-                    q += weights[j] * steps.variation_acceleration[k, 8 * o + j]
-                    r += weights[8 + j] * steps.variation_acceleration[k, 8 * o + j]
+                o = 3 * c + i
+                q, r = weighed(weights, steps.variation_acceleration[k], 8 * o)
                 slope = steps.variation[k, rows + o]
                 partials[e, i, c] = steps.variation[k, o] + s * h * slope + r
                 partials[e, 3 + i, c] = slope + q

@@ -11,12 +11,12 @@ serves the variational equations: this halves the time of a step.
 import numpy as np
 import numpy.typing as npt
 
-from nebosvod.dynamics.compilation import kernel
+from nebosvod.dynamics.compilation import inlined_kernel
 
 Array = npt.NDArray[np.float64]
 
 
-@kernel
+@inlined_kernel
 def expand_bodies(n: int, X: Array, P: Array, gm: Array, R: Array, S: Array, tide: Array, bend: Array) -> None:
     """Acceleration R (24,), gradient S (48,) of all bodies but the first; largest GM/r^3 and GM/r^4 of each lane."""
     for i in range(24):
@@ -51,7 +51,7 @@ def expand_bodies(n: int, X: Array, P: Array, gm: Array, R: Array, S: Array, tid
             bend[l] = max(bend[l], max(f * ir, q * jr))
 
 
-@kernel
+@inlined_kernel
 def expanded_field(n: int, X: Array, X0: Array, R: Array, S: Array, P: Array, gm: float, A: Array) -> None:
     """A = R + S (X - X0) and the attraction of the Sun (row 0 of P) at X."""
     for l in range(n):
@@ -64,7 +64,7 @@ def expanded_field(n: int, X: Array, X0: Array, R: Array, S: Array, P: Array, gm
         A[16 + l] = (R[16 + l] + (S[16 + l] * dx + S[32 + l] * dy + S[40 + l] * dz)) - f * sz
 
 
-@kernel
+@inlined_kernel
 def sun_tide(n: int, X: Array, P: Array, gm: float, tide: Array) -> None:
     """Raise tide (8,) to GM/r^3 of the Sun."""
     for l in range(n):
@@ -73,7 +73,7 @@ def sun_tide(n: int, X: Array, P: Array, gm: float, tide: Array) -> None:
         tide[l] = max(tide[l], gm / (r2 * np.sqrt(r2)))
 
 
-@kernel
+@inlined_kernel
 def sun_gradient(n: int, X: Array, P: Array, gm: float, S: Array) -> None:
     """Add the Sun's GM/r^3 (3 d d^T/r^2 - I) to S (48,)."""
     for l in range(n):
@@ -87,12 +87,3 @@ def sun_gradient(n: int, X: Array, P: Array, gm: float, S: Array) -> None:
         S[24 + l] += f3 * dy * dy - f
         S[32 + l] += f3 * dy * dz
         S[40 + l] += f3 * dz * dz - f
-
-
-@kernel
-def largest_shift(n: int, X: Array, X0: Array) -> float:
-    """Largest component of X - X0, km."""
-    most = 0.0
-    for i in range(3 * n):
-        most = max(most, abs(X[i] - X0[i]))
-    return float(most)

@@ -18,7 +18,7 @@ Moon 0.02 km; nutation beyond its four largest terms 1e-3 km.
 import numpy as np
 import numpy.typing as npt
 
-from nebosvod.dynamics.compilation import LANES, kernel
+from nebosvod.dynamics.compilation import LANES, inlined_kernel, kernel
 
 Array = npt.NDArray[np.float64]
 
@@ -56,7 +56,7 @@ def point_masses_gradient(n: int, X: Array, P: Array, gm: Array, S: Array) -> No
             S[40 + l] += f3 * dz * dz - f
 
 
-@kernel
+@inlined_kernel
 def expand(n: int, S: Array, G: Array) -> None:
     """Write the symmetric rows S into the nine rows of G."""
     for l in range(n):
@@ -71,7 +71,7 @@ def expand(n: int, S: Array, G: Array) -> None:
         G[64 + l] = S[40 + l]
 
 
-@kernel
+@inlined_kernel
 def zonal_harmonics(n: int, X: Array, P: Array, b: int, gm: float, J: Array, pole: Array, A: Array) -> None:
     """J2, J3, J4 of body b: sum_k w_k [P'_(k+1)(s) d/r - P'_k(s) p], w_k = GM/r^2 J_k (R/r)^k, s = d.p/r.
 
@@ -96,7 +96,7 @@ def zonal_harmonics(n: int, X: Array, P: Array, b: int, gm: float, J: Array, pol
         A[16 + l] += along * dz - axial * p2
 
 
-@kernel
+@inlined_kernel
 def zonal_harmonics_gradient(n: int, X: Array, P: Array, b: int, gm: float, J: Array, pole: Array, S: Array) -> None:
     """dA/dX = sum_k w_k/r [P'_(k+1) I - P''_(k+2) e e^T + P''_(k+1) (e p^T + p e^T) - P''_k p p^T], e = d/r."""
     p0, p1, p2 = pole[0], pole[1], pole[2]
@@ -122,7 +122,7 @@ def zonal_harmonics_gradient(n: int, X: Array, P: Array, b: int, gm: float, J: A
         S[40 + l] += unit + ee * e2 * e2 + 2.0 * ep * e2 * p2 + pp * p2 * p2
 
 
-@kernel
+@inlined_kernel
 def earth_pole(of_date: bool, centuries: float, pole: Array) -> None:
     """Celestial intermediate pole (3,) in ICRF, or the pole of J2000 = (0, 0, 1) when not `of_date`.
 
@@ -146,7 +146,7 @@ def earth_pole(of_date: bool, centuries: float, pole: Array) -> None:
     pole[2] = np.sqrt(1.0 - x * x - y * y)
 
 
-@kernel
+@inlined_kernel
 def near(body_distance: float, n: int, X: Array, P: Array, b: int) -> bool:
     """Whether the first lane is within `body_distance` km of body b: the switch of forces that die out fast."""
     dx, dy, dz = X[0] - P[b, 0], X[LANES] - P[b, LANES], X[2 * LANES] - P[b, 2 * LANES]

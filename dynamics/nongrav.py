@@ -15,7 +15,7 @@ from types import MappingProxyType
 import numpy as np
 import numpy.typing as npt
 
-from nebosvod.dynamics.compilation import kernel
+from nebosvod.dynamics.compilation import inlined_kernel
 from nebosvod.dynamics.constants import AU_KM
 from nebosvod.errors import InputError
 
@@ -66,7 +66,7 @@ class Nongrav:
         return np.array([self.alpha, self.r0_au * AU_KM, self.m, self.n, self.k])
 
 
-@kernel
+@inlined_kernel
 def law_factors(n: int, X: Array, P: Array, law: Array, q: Array) -> None:
     """q (16,): g(r) (r/1 au)^2 of each lane, which is 1 for the default law, then its logarithmic slope (r/q) dq/dr.
 
@@ -86,7 +86,7 @@ def law_factors(n: int, X: Array, P: Array, law: Array, q: Array) -> None:
         q[8 + l] = 2.0 - m - k * e * xe / (1.0 + xe)
 
 
-@kernel
+@inlined_kernel
 def nongrav(n: int, X: Array, V: Array, P: Array, VS: Array, strength: Array, q: Array, A: Array) -> None:
     """Add the acceleration; strength (3,) = A1, A2, A3 times (1 au)^2, km^3/s^2; q (16,) from `law_factors`."""
     n1, n2, n3 = strength[0], strength[1], strength[2]
@@ -105,7 +105,7 @@ def nongrav(n: int, X: Array, V: Array, P: Array, VS: Array, strength: Array, q:
         A[16 + l] += c1 * dz + c2 * (wz * r2 - dz * dw) + c3 * hz
 
 
-@kernel
+@inlined_kernel
 def nongrav_gradient(
     n: int, X: Array, V: Array, P: Array, VS: Array, strength: Array, q: Array, unit: float,
     G: Array, K: Array, F: Array,

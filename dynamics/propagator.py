@@ -17,7 +17,7 @@ from nebosvod.errors import CoverageError, EventError, InputError
 from nebosvod.timescale import Epoch
 
 Array = npt.NDArray[np.float64]
-TOLERANCE = 1e-11
+TOLERANCE = 1e-10
 NO_GUIDES = ((NO_STEPS, NO_NODES),) * 2
 OWN_TIDE = 1e-10  # s^-2: GM/r^3 at ten radii of an asteroid of 0.4 g/cm^3
 LIGHT_TIME_MARGIN_S = 21600.0  # the light time over 43 au
@@ -59,8 +59,8 @@ def propagate(
     EventError
         If the orbit runs into a body; gives time and distance.
     """
-    start, times = _checked(state_km_km_s, t_s)
-    low, high = _span(forces, epoch, min(0.0, float(times.min())), max(0.0, float(times.max())), margin_s)
+    start, times, low, high = _checked(state_km_km_s, t_s)
+    low, high = _span(forces, epoch, min(0.0, low), max(0.0, high), margin_s)
     window = forces.window(epoch, low, high)
     barycentric = start[None] + forces.ephemeris.sun_at(epoch)
     columns, chain = forces.columns()
@@ -89,7 +89,7 @@ def propagate(
             if status != integrator.OK:
                 if len(steps.start):
                     stub = join(legs[0], legs[1], window, 6 + len(columns) if sensitivities else 0)
-                    require_no_impact(make_trajectory(epoch, [0.0], forces, stub, chain, False), stub.steps.tide)
+                    require_no_impact(make_trajectory(epoch, np.zeros(1), forces, stub, chain, False), stub.steps.tide)
                 raise _stalled(forces.ephemeris, epoch, steps, end_s, start)
     nodes = grid._table.nodes if grid is not None and guides is not NO_GUIDES else None
     table = join(legs[0], legs[1], window, 6 + len(columns) if sensitivities else 0, nodes)
@@ -107,7 +107,7 @@ def _guides(
         return NO_GUIDES
     theirs = grid.forces
     same_bodies = theirs.ephemeris is forces.ephemeris and np.array_equal(theirs.physics(epoch).gm, physics.gm)
-    if not same_bodies or theirs.relativity != forces.relativity:
+    if not same_bodies or (theirs.relativity, theirs.earth_pole) != (forces.relativity, forces.earth_pole):
         return NO_GUIDES
     return grid._table.guides(physics)
 
@@ -119,15 +119,17 @@ def _perturber_itself(forces: ForceModel, steps: Steps, barycentric: Array, epoc
     return forces.perturber_at(barycentric[:3], epoch)
 
 
-def _checked(state_km_km_s: npt.ArrayLike, t_s: npt.ArrayLike) -> tuple[Array, Array]:
-    """State (6,) and times (n,) as arrays, refused if they cannot be used."""
+def _checked(state_km_km_s: npt.ArrayLike, t_s: npt.ArrayLike) -> tuple[Array, Array, float, float]:
+    """State (6,), times (n,) as a new array, first and last of them; refused if they cannot be used."""
     start = np.asarray(state_km_km_s, dtype=np.float64)
-    times = np.atleast_1d(np.asarray(t_s, dtype=np.float64))
+    times = np.array(t_s, dtype=np.float64, ndmin=1, order="C")
     if start.shape != (6,) or not all(map(math.isfinite, start.tolist())):
         raise InputError(f"state: needs six finite numbers (km, km/s), got {start}")
-    if times.ndim != 1 or not len(times) or not np.isfinite(times).all():
-        raise InputError(f"times: need shape (n,) with n > 0 and finite seconds, got shape {times.shape}")
-    return start, times
+    if times.ndim == 1 and len(times):
+        low, high = (float(times.min()), float(times.max())) if len(times) > 1 else (times.item(),) * 2
+        if math.isfinite(low) and math.isfinite(high):
+            return start, times, low, high
+    raise InputError(f"times: need shape (n,) with n > 0 and finite seconds, got shape {times.shape}")
 
 
 def _span(forces: ForceModel, epoch: Epoch, low: float, high: float, margin_s: float) -> tuple[float, float]:

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from nebosvod.dynamics.compilation import kernel
+from nebosvod.dynamics.compilation import inlined_kernel
 from nebosvod.dynamics.constants import RADIUS_KM
 from nebosvod.errors import InputError
 
@@ -100,7 +100,7 @@ class RadiationPressure:
         }
 
 
-@kernel
+@inlined_kernel
 def radiation(n: int, X: Array, P: Array, strength: float, A: Array) -> None:
     """Add strength e_r/r^2; strength = (S0/c) (1 au)^2 kappa in km^3/s^2."""
     for l in range(n):
@@ -112,7 +112,7 @@ def radiation(n: int, X: Array, P: Array, strength: float, A: Array) -> None:
         A[16 + l] += f * dz
 
 
-@kernel
+@inlined_kernel
 def radiation_gradient(n: int, X: Array, P: Array, strength: float, per_kappa: float, S: Array, F: Array) -> None:
     """dA/dX = f (I - 3 d d^T/r^2) with f = strength/r^3, and F (24,) = dA/dkappa = per_kappa d/r^3."""
     for l in range(n):
@@ -131,7 +131,7 @@ def radiation_gradient(n: int, X: Array, P: Array, strength: float, per_kappa: f
         F[16 + l] = per_kappa * ir3 * dz
 
 
-@kernel
+@inlined_kernel
 def dimming(a: float, b: float, t: float) -> tuple[float, float, float, float]:
     """Covered part of a disk of radius a by one of radius b, centres t apart, and its partials by a, b and t.
 
@@ -152,7 +152,7 @@ def dimming(a: float, b: float, t: float) -> tuple[float, float, float, float]:
     return covered, 2.0 * arc_a / disk - 2.0 * covered / a, 2.0 * arc_b / disk, -2.0 * half_chord / disk
 
 
-@kernel
+@inlined_kernel
 def shade(n: int, X: Array, P: Array, strength: float, A: Array) -> None:
     """Take away the sunlight that the Earth (row 3) keeps from the asteroid: A -= covered strength d/r^3."""
     for l in range(n):
@@ -171,7 +171,7 @@ def shade(n: int, X: Array, P: Array, strength: float, A: Array) -> None:
         A[16 + l] -= f * dz
 
 
-@kernel
+@inlined_kernel
 def shade_gradient(n: int, X: Array, P: Array, strength: float, per_kappa: float, G: Array, F: Array) -> None:
     """dA/dX = -covered f (I - 3 d d^T/r^2) - f d grad(covered)^T with f = strength/r^3, and the same part of F.
 

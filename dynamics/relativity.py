@@ -7,13 +7,13 @@ the planets' part of the EIH terms 0.003 km; through the 2029 encounter of Apoph
 import numpy as np
 import numpy.typing as npt
 
-from nebosvod.dynamics.compilation import kernel
+from nebosvod.dynamics.compilation import inlined_kernel
 
 Array = npt.NDArray[np.float64]
 MAJOR = 11  # Sun, planets, Moon, Pluto: the bodies whose post-Newtonian terms are summed
 
 
-@kernel
+@inlined_kernel
 def sun_relativity(n: int, X: Array, V: Array, P: Array, VS: Array, gm: float, c2: float, A: Array) -> None:
     """Schwarzschild term of the Sun, beta = gamma = 1 (Moyer 1971; Will 1981): f [(4 GM/r - w^2) d + 4 (d.w) w].
 
@@ -32,7 +32,7 @@ def sun_relativity(n: int, X: Array, V: Array, P: Array, VS: Array, gm: float, c
         A[16 + l] += a * dz + b * wz
 
 
-@kernel
+@inlined_kernel
 def sun_relativity_gradient(
     n: int, X: Array, V: Array, P: Array, VS: Array, gm: float, c2: float, G: Array, K: Array
 ) -> None:
@@ -71,7 +71,7 @@ def sun_relativity_gradient(
         K[64 + l] += b + dz * pz + wz * f4 * dz
 
 
-@kernel
+@inlined_kernel
 def major_fields(n: int, P: Array, gm: Array, accelerations: Array, potentials: Array) -> None:
     """Newtonian accelerations (11, 24) of the major bodies by each other, and the potentials (11, 8) they move in."""
     for j in range(MAJOR):
@@ -94,7 +94,7 @@ def major_fields(n: int, P: Array, gm: Array, accelerations: Array, potentials: 
                 accelerations[j, 16 + l] += f * dz
 
 
-@kernel
+@inlined_kernel
 def eih(
     n: int, X: Array, V: Array, P: Array, W: Array, B: Array, U: Array, gm: Array, c2: float, Q: Array, A: Array
 ) -> None:
@@ -135,7 +135,7 @@ def eih(
         A[16 + l] += q * Q[24 + l]
 
 
-@kernel
+@inlined_kernel
 def eih_gradient(
     n: int,
     X: Array,
@@ -198,7 +198,7 @@ def eih_gradient(
     _potential_gradient(n, X, P, gm, c2, Q, G)
 
 
-@kernel
+@inlined_kernel
 def _potential_gradient(n: int, X: Array, P: Array, gm: Array, c2: float, Q: Array, G: Array) -> None:
     """Gradient of (4 phi/c^2) N: (4/c^2) [phi sum GM/r^3 (I - 3 d d^T/r^2) - N N^T]; phi and N go to Q (32,)."""
     for i in range(32):

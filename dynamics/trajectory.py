@@ -79,7 +79,9 @@ class Trajectory:
         CoverageError
             If a time lies outside `span_s`.
         """
-        return make_trajectory(self.epoch, t_s, self.forces, self._table, self._chain, self.sensitivities)
+        return make_trajectory(
+            self.epoch, _inside(t_s, self._table), self.forces, self._table, self._chain, self.sensitivities
+        )
 
     def state_at(self, t_s: npt.ArrayLike) -> Array:
         """Heliocentric states alone, shape (n, 6), km, km/s, at any times of the span."""
@@ -121,14 +123,16 @@ class Trajectory:
 
 
 def make_trajectory(
-    epoch: Epoch, t_s: npt.ArrayLike, forces: ForceModel, table: StepTable, chain: Array, sensitivities: bool
+    epoch: Epoch, t_s: Array, forces: ForceModel, table: StepTable, chain: Array, sensitivities: bool
 ) -> Trajectory:
-    """Evaluate a table of steps at `t_s` (n,) and wrap it up; `chain` (q, m) maps kernel columns to parameters."""
-    times = _inside(t_s, table)
-    state, partials = table.evaluate(times, variations=sensitivities)
+    """Evaluate a table of steps at `t_s` (n,) inside it and wrap it up, times and all.
+
+    `chain` (q, m) maps the columns of the kernel to parameters.
+    """
+    state, partials = table.evaluate(t_s, variations=sensitivities)
     return Trajectory(
         epoch=epoch,
-        t_s=times.copy(),
+        t_s=t_s,
         state=state,
         sensitivities=sensitivities,
         _partials=(np.ascontiguousarray(partials[:, :, :6]), partials[:, :, 6:] @ chain) if sensitivities else (),
@@ -140,8 +144,8 @@ def make_trajectory(
 
 
 def _inside(t_s: npt.ArrayLike, table: StepTable) -> Array:
-    """Times as a contiguous (n,) array, checked to lie inside the table (to 1 us, the grain of a decade in seconds)."""
-    times = np.ascontiguousarray(np.atleast_1d(np.asarray(t_s, dtype=np.float64)))
+    """Times as a new (n,) array, checked to lie inside the table (to 1 us, the grain of a decade in seconds)."""
+    times = np.array(t_s, dtype=np.float64, ndmin=1, order="C")
     if times.ndim != 1:
         raise InputError(f"times need shape (n,), got {times.shape}")
     first, last = float(table.edges[0]), float(table.edges[-1])

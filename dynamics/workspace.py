@@ -1,29 +1,54 @@
-"""What the integrator works in: scratch arrays of a step, and the table of accepted steps."""
+"""What the integrator works in: the memory of a step, and the table of accepted steps.
 
+Python provides the memory; the kernels allocate nothing. Every array starts on a cache line, for vectors of 8 lanes
+that lie across two cost twice the time.
+"""
+
+import threading
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from nebosvod.dynamics.compilation import kernel
+from nebosvod.dynamics.compilation import LANES, inlined_kernel
+from nebosvod.dynamics.ephemeris import MOST_ORDERS
 from nebosvod.dynamics.relativity import MAJOR
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
 
+ROW, BLOCK, LINE = 3 * LANES, MOST_ORDERS * LANES, 8  # numbers in a row (x, y, z), in a block, in a cache line
+ROWS, BLOCKS, WIDE = 26, 8, 6  # how many of each `laid_out` gives names to, beside the bodies
+
+
+class Memory(NamedTuple):
+    """The memory of one integration."""
+
+    rows: Array  # (ROWS, 24)
+    moving: Array  # (bodies + 3 MAJOR, 24)
+    blocks: Array  # (BLOCKS, 128)
+    wide: Array  # (WIDE, 24 * columns)
+
+
+class _Kept(threading.local):
+    """The memories of one thread, by bodies and columns."""
+
+    def __init__(self) -> None:
+        self.memories: dict[tuple[int, int], Memory] = {}
+
+
+_KEPT = _Kept()
+
 
 class Work(NamedTuple):
-    """Scratch arrays of one integration; rows of 8 lanes, flat (see compilation.py)."""
+    """The same memory by names; rows of 8 lanes, flat (see compilation.py). Rows may be longer than what is used."""
 
     strength: Array  # (4,) of radiation pressure, A1, A2, A3 for the orbit in hand; starts as that of the physics
     law: Array  # (16,) Marsden's g(r) at the nodes (see nongrav.py)
     t: Array  # (8,) node times
-    P: Array  # (bodies, 24) positions of the bodies at the nodes
+    u: Array  # (8,) their places in the records of an ephemeris, and in
+    record: Array  # (8,) the numbers of these
     VS: Array  # (24,) velocity of the Sun
-    W: Array  # (11, 24) velocities of the major bodies (EIH only)
-    WA: Array  # (11, 24) their accelerations
-    U: Array  # (11, 8) the potentials they move in
-    Q: Array  # (32,) scratch of EIH
     pole: Array  # (3,) Earth's pole of date
     X: Array  # (24,) positions at the nodes
     V: Array  # (24,)
@@ -33,20 +58,78 @@ class Work(NamedTuple):
     bend: Array  # (8,) largest GM/r^4 of the bodies but the Sun
     X0: Array  # (24,) where the field of the bodies but the Sun was expanded (see expansion.py)
     R0: Array  # (24,) that field there
-    S0: Array  # (48,) and the symmetric part of its gradient
+    change: Array  # (24,) largest change, size and shift of each lane in a sweep
     before: Array  # (24,) accelerations of the last step, less those of the guide
     known: Array  # (24,) accelerations of the guide in this step; zero without one
-    extrapolation: Array  # (64,) last nodes -> new nodes
+    missed: Array  # (24,) by how much the prediction missed the accelerations of the last step
+    reach: Array  # (8,) how far each node was extrapolated (see stages.extrapolation)
+    ratio: Array  # (8,) and is now, relative to that
+    x: Array  # (3,) the state of the orbit in hand
+    v: Array  # (3,)
+    lost: Array  # (6,) the rounding that position and velocity have lost (see integrator.add_compensated)
+    P: Array  # (bodies, 24) positions of the bodies at the nodes
+    W: Array  # (11, 24) velocities of the major bodies (EIH only)
+    WA: Array  # (11, 24) their accelerations
+    U: Array  # (11, 8) the potentials they move in
+    T: Array  # (8 * MOST_ORDERS,) Chebyshev polynomials at the nodes, or their derivatives (see chebyshev.py)
+    Q: Array  # (32,) scratch of EIH
+    S0: Array  # (48,) symmetric part of the gradient of R0
     S: Array  # (48,) symmetric part of dA/dX
     G: Array  # (72,) dA/dX
     K: Array  # (72,) dA/dV
     F: Array  # (4 * 24,) dA/d(kappa, A1, A2, A3)
+    extrapolation: Array  # (64,) last nodes -> new nodes
     D: Array  # (columns * 24,) accelerations of the variations
-    E: Array  # the same of the next sweep
-    DX: Array  # their positions
-    DV: Array  # and velocities
-    D_before: Array  # accelerations of the variations of the last step, less those of the guide
+    D_before: Array  # those of the last step, less those of the guide
     D_known: Array  # those of the guide
+    D_missed: Array  # by how much the prediction missed those of the last step
+    px: Array  # (3 * columns,) positions of the variations at the start of the step
+    pv: Array  # and velocities
+    DX: Array  # (24,) positions of one column at the nodes
+    DV: Array  # and velocities
+
+
+def memory(bodies: int, columns: int) -> Memory:
+    """Memory for so many bodies and columns of Phi and zeta; of each kind a thread has one, which it uses again."""
+    kept = _KEPT.memories
+    if (bodies, columns) not in kept:
+        kept[bodies, columns] = new_memory(bodies, columns)
+    return kept[bodies, columns]
+
+
+def new_memory(bodies: int, columns: int) -> Memory:
+    """Memory of its own."""
+    shapes = ((ROWS, ROW), (bodies + 3 * MAJOR, ROW), (BLOCKS, BLOCK), (WIDE, ROW * columns))
+    sizes = [rows * width for rows, width in shapes]
+    whole = np.zeros(sum(sizes) + LINE)
+    at, parts = -(whole.__array_interface__["data"][0] // whole.itemsize) % LINE, []
+    for shape, size in zip(shapes, sizes):
+        parts.append(whole[at : at + size].reshape(shape))
+        at += size
+    return Memory(*parts)
+
+
+@inlined_kernel
+def clear(n: int, m: Memory) -> None:
+    """Forget the integration before."""
+    for r in range(m.rows.shape[0]):
+        for i in range(3 * n):
+            m.rows[r, i] = 0.0
+    for r in range(m.wide.shape[0]):
+        for i in range(m.wide.shape[1]):
+            m.wide[r, i] = 0.0
+
+
+@inlined_kernel
+def laid_out(m: Memory, bodies: int) -> Work:
+    """Give names to the memory."""
+    r, b, c, w = m.rows, m.moving, m.blocks, m.wide
+    return Work(
+        r[0], r[1], r[2], r[3], r[4], r[5], r[6], r[7], r[8], r[9], r[10], r[11], r[12], r[13], r[14], r[15], r[16],
+        r[17], r[18], r[19], r[20], r[21], r[22], r[23], b[:bodies], b[bodies : bodies + MAJOR],
+        b[bodies + MAJOR : bodies + 2 * MAJOR], b[bodies + 2 * MAJOR :], c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7],
+        w[0], w[1], w[2], w[3], w[4], w[5], r[24], r[25],
+    )  # fmt: skip
 
 
 class Steps(NamedTuple):
@@ -68,53 +151,34 @@ class Samples(NamedTuple):
     step: Integers  # (times,) the step that holds each
     weights: Array  # (times, 17) of its nodes: see `dense.step_weights`, then seconds from its start
     sun: Array  # (times, 6) barycentric
-    states: Array  # (k, times, 6) heliocentric: filled
-    tide: Array  # (k,) largest GM/r^3 met by each orbit: raised; infinite where its integration stopped
+    states: Array  # (orbits, times, 6) heliocentric: the result
+    tide: Array  # (orbits,) largest GM/r^3 met; infinite where an orbit left the grid
 
 
-@kernel
-def make_work(bodies: int, columns: int) -> Work:
-    """Allocate the scratch arrays."""
-    wide = 24 * columns
-    return Work(
-        np.zeros(4), np.zeros(16), np.zeros(8), np.zeros((bodies, 24)), np.zeros(24), np.zeros((MAJOR, 24)),
-        np.zeros((MAJOR, 24)), np.zeros((MAJOR, 8)), np.zeros(32), np.zeros(3), np.zeros(24), np.zeros(24),
-        np.zeros(24), np.zeros(24), np.zeros(8), np.zeros(8), np.zeros(24), np.zeros(24), np.zeros(48),
-        np.zeros(24), np.zeros(24), np.zeros(64), np.zeros(48), np.zeros(72), np.zeros(72), np.zeros(96),
-        np.zeros(wide), np.zeros(wide), np.zeros(wide), np.zeros(wide), np.zeros(wide), np.zeros(wide),
-    )  # fmt: skip
-
-
-@kernel
 def make_steps(capacity: int, columns: int) -> Steps:
-    """Allocate room for `capacity` steps."""
+    """Room for `capacity` steps."""
     return Steps(
         np.empty(capacity), np.empty(capacity), np.empty((capacity, 6)), np.empty((capacity, 24)),
         np.empty((capacity, 6 * columns)), np.empty((capacity, 24 * columns)), np.empty(capacity),
     )  # fmt: skip
 
 
-@kernel
-def resized(old: Steps, count: int, capacity: int, columns: int) -> Steps:
-    """Copy the first `count` steps into room for `capacity`."""
-    new = make_steps(capacity, columns)
-    for k in range(count):  # loops, not slices: a slice assignment brings 4 s of compilation with it
-        new.start[k], new.length[k], new.tide[k] = old.start[k], old.length[k], old.tide[k]
-        for i in range(6):
-            new.state[k, i] = old.state[k, i]
-        for i in range(24):
-            new.acceleration[k, i] = old.acceleration[k, i]
-        for i in range(6 * columns):
-            new.variation[k, i] = old.variation[k, i]
-        for i in range(24 * columns):
-            new.variation_acceleration[k, i] = old.variation_acceleration[k, i]
+def first_steps(steps: Steps, count: int) -> Steps:
+    """The first `count` steps."""
+    return Steps(*(field[:count] for field in steps))
+
+
+def enlarged(steps: Steps, columns: int) -> Steps:
+    """Room for twice as many steps, with those there are."""
+    count = len(steps.start)
+    new = make_steps(2 * count, columns)
+    for field, old in zip(new, steps):
+        field[:count] = old
     return new
 
 
 # What stands for "no guide"
-NO_STEPS = Steps(
-    np.empty(0), np.empty(0), np.empty((0, 6)), np.empty((0, 24)), np.empty((0, 0)), np.empty((0, 0)), np.empty(0)
-)
+NO_STEPS = make_steps(0, 0)
 NO_NODES: Array = np.empty((0, 0))
 # and for "no samples"
 NO_SAMPLES = Samples(

@@ -11,7 +11,7 @@ from functools import lru_cache
 import erfa
 import numpy as np
 
-from nebosvod.dynamics.compilation import kernel
+from nebosvod.dynamics.compilation import allocating_kernel, kernel
 from nebosvod.observation.constants import EARTH_ROTATION_RAD_S
 from nebosvod.observation.contracts import Array
 from nebosvod.timescale import Epoch, utc_jd
@@ -60,7 +60,7 @@ def _nodes(day: float, block: int) -> Array:
     return np.stack(erfa.xys06a(day, nodes))
 
 
-@kernel
+@allocating_kernel
 def _interpolate(table: Array, where: Array, values: Array) -> None:
     """Six-point Lagrange interpolation of table rows (3, k) at fractional node numbers (n,), into values (3, n)."""
     weights = np.empty(6)

@@ -3,11 +3,11 @@
 import numpy as np
 import numpy.typing as npt
 
-from nebosvod.dynamics.compilation import kernel
+from nebosvod.dynamics.compilation import allocating_kernel, kernel
 from nebosvod.observation.contracts import Array
 
 
-@kernel
+@allocating_kernel
 def hermite(nodes: Array, states: Array, first: npt.NDArray[np.int64], window: int, t_s: Array, found: Array) -> None:
     """Osculating interpolation: position polynomial through w positions and velocities; velocity its derivative.
 
@@ -56,7 +56,7 @@ def _divided_differences(nodes: Array, states: Array, base: int, scale: float, c
                     coefficients[row, axis] = rise / ((nodes[right] - nodes[left]) / scale)
 
 
-@kernel
+@allocating_kernel
 def lagrange(nodes: Array, states: Array, first: npt.NDArray[np.int64], window: int, t_s: Array, found: Array) -> None:
     """Polynomials through the w values of each of the six components (Neville); arguments as in `hermite`."""
     values = np.empty((window, 6))

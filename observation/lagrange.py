@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nebosvod.dynamics.compilation import kernel
+from nebosvod.dynamics.compilation import allocating_kernel, kernel
 from nebosvod.dynamics.constants import AU_KM
 from nebosvod.errors import InputError
 from nebosvod.observation.contracts import Array, Ephemeris
@@ -76,7 +76,7 @@ class LibrationOrbit:
         return states
 
 
-@kernel
+@allocating_kernel
 def _halo(
     sun: Array, pair: Array, scale: float, rate: float, angle: Array, swing: Array, tilt: Array, states: Array
 ) -> None:

@@ -4,13 +4,14 @@ import json
 import math
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import pytest
 
-from nebosvod.dynamics import Ephemeris, ForceModel, Nongrav, RadiationPressure, integrator
+from nebosvod.dynamics import Ephemeris, ForceModel, Nongrav, RadiationPressure, chebyshev, nodes, stages, workspace
 from nebosvod.dynamics import forces as forces_module
 from nebosvod.dynamics.constants import AU_KM, DAY_S
 from nebosvod.dynamics.model import Physics
@@ -18,6 +19,9 @@ from nebosvod.dynamics.workspace import Work
 from nebosvod.timescale import Epoch
 
 Array = npt.NDArray[np.float64]
+# how much of their rows the narrow arrays of a `Work` use
+USED = {"strength": 4, "law": 16, "t": 8, "pole": 3, "tide": 8, "bend": 8}
+USED |= {"Q": 32, "S0": 48, "S": 48, "G": 72, "K": 72, "F": 96}
 REFERENCE = Path(__file__).resolve().parents[3] / "shared" / "data"
 
 
@@ -109,7 +113,19 @@ def full_forces(ephemeris: Ephemeris) -> ForceModel:
 
 
 @pytest.fixture(scope="session")
-def summed_forces() -> Callable[[int, Work, Physics], tuple[Array, Array]]:
+def inside() -> Any:
+    """What the modules of a step define, and `make_work(bodies, columns)`; called from here they are plain Python."""
+    known: dict[str, Any] = {**vars(chebyshev), **vars(workspace), **vars(nodes), **vars(stages)}
+
+    def make_work(bodies: int, columns: int) -> Work:
+        work: Work = known["laid_out"](workspace.new_memory(bodies, columns), bodies)
+        return work._replace(**{name: getattr(work, name)[:size] for name, size in USED.items()})
+
+    return SimpleNamespace(**known, make_work=make_work)
+
+
+@pytest.fixture(scope="session")
+def summed_forces(inside: Any) -> Callable[[int, Work, Physics], tuple[Array, Array]]:
     """(lanes, work, physics) -> A (24,) and dA/dX (72,): every body summed where it is, nothing expanded.
 
     It also leaves dA/dV and dA/d(parameters) in w.K and w.F.
@@ -125,9 +141,9 @@ def summed_forces() -> Callable[[int, Work, Physics], tuple[Array, Array]]:
             if forces_module.near(p.earth_range, n, w.X, w.P, 3):
                 forces_module.zonal_harmonics(*figure, A)
                 forces_module.zonal_harmonics_gradient(*figure, S)
-        integrator.add_small_forces(n, w, p, A)
+        inside.add_small_forces(n, w, p, A)
         w.S[:] = S
-        integrator.add_small_gradients(n, w, p)
+        inside.add_small_gradients(n, w, p)
         return A, w.G.copy()
 
     return field

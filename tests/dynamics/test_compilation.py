@@ -13,7 +13,7 @@ from nebosvod.timescale import Epoch
 
 
 def test_stamp_of_the_cache_covers_all_sources() -> None:
-    function: Any = integrator.integrate
+    function: Any = integrator.march
     stamp = function._cache._cache_file._source_stamp
     assert stamp[1] == compilation._source_digest()
 

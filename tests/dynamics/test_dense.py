@@ -14,7 +14,7 @@ Array = np.ndarray
 
 def weights_at(s: float, h: float) -> tuple[Array, Array]:
     weights = np.empty(16)
-    step_weights(s, h, weights)
+    step_weights(8, s, h, weights)
     return weights[:8], weights[8:]
 
 

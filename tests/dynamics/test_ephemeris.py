@@ -5,12 +5,12 @@ import json
 import shutil
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 import pytest
 
 import nebosvod.dynamics.ephemeris as module
-from nebosvod.dynamics.chebyshev import bodies_at, velocity_at
 from nebosvod.dynamics.constants import AU_KM, DAY_S, SPEED_OF_LIGHT_KM_S
 from nebosvod.dynamics.ephemeris import ASTEROID_NUMBERS, ASTEROIDS, DATA, PLANETS, Ephemeris
 from nebosvod.errors import CoverageError, DataError, InputError
@@ -93,13 +93,13 @@ def test_velocity_is_the_derivative_of_position(excerpt: Ephemeris, body: str) -
     assert np.abs((ahead - behind) / 20.0 - velocity).max() < 2e-8
 
 
-def test_compiled_evaluation_equals_the_one_in_numpy(excerpt: Ephemeris) -> None:
+def test_compiled_evaluation_equals_the_one_in_numpy(excerpt: Ephemeris, inside: Any) -> None:
     window = excerpt.window(EPOCH, 0.0, 400 * DAY_S, asteroids=True)
     times = np.linspace(3.0, 390 * DAY_S, 8)
-    P, velocity = np.zeros((27, 24)), np.zeros(24)
+    P, velocity, T, u, record = np.zeros((27, 24)), np.zeros(24), np.empty(128), np.empty(8), np.empty(8)
     ratio = excerpt.scalars["earth_moon_mass_ratio"]
-    bodies_at(8, times, window.coefficients, window.layout, window.timing, ratio, P)
-    velocity_at(8, times, window.coefficients, window.layout, window.timing, 0, velocity)
+    inside.bodies_at(8, times, window.coefficients, window.layout, window.timing, ratio, T, u, record, P)
+    inside.velocity_at(8, times, window.coefficients, window.layout, window.timing, 0, T, u, record, velocity)
     for row, body in enumerate(PLANETS + ASTEROIDS):
         wanted = excerpt.position_km(body, EPOCH, times)
         assert np.abs(P[row].reshape(3, 8).T - wanted).max() < 1e-5, body  # km; the rounding of 6e9 km is 1e-6

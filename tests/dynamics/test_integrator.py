@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from nebosvod.dynamics import ForceModel, forces, integrator
+from nebosvod.dynamics import ForceModel
 from nebosvod.dynamics.constants import AU_D2_KM_S2, AU_KM, DAY_S, RADIATION_KM3_S2_PER_M2_KG
 from nebosvod.dynamics.ephemeris import PLANETS
 from nebosvod.dynamics.model import Physics
-from nebosvod.dynamics.workspace import Work, make_work
+from nebosvod.dynamics.workspace import Work
 from nebosvod.timescale import Epoch
 
 Array = np.ndarray
@@ -43,17 +43,18 @@ class Place:
     X: Array
     V: Array
     step_km: float
+    inside: Any
 
 
 @pytest.fixture(scope="module")
-def places(full_forces: ForceModel) -> dict[str, Place]:
+def places(full_forces: ForceModel, inside: Any) -> dict[str, Place]:
     ephemeris, physics = full_forces.ephemeris, full_forces.physics(EPOCH)
     window = full_forces.window(EPOCH, 0.0, DAY_S)
     found = {}
     for name, step_km in (("near", 4.0), ("far", 65536.0)):
-        w = make_work(window.layout.shape[0], 0)
+        w = inside.make_work(window.layout.shape[0], 0)
         whole = physics._replace(relativity=2)
-        integrator.read_ephemeris(8, 0.0, 3600.0, w, whole, window.coefficients, window.layout, window.timing)
+        inside.read_ephemeris(8, 0.0, 3600.0, w, whole, window.coefficients, window.layout, window.timing)
         w.strength[:] = physics.strength
         sun, earth = (ephemeris.state_km_km_s(body, EPOCH, w.t) for body in ("sun", "earth"))
         lanes = np.arange(8.0)[:, None]
@@ -65,7 +66,9 @@ def places(full_forces: ForceModel) -> dict[str, Place]:
         else:
             X = sun[:, :3] + 0.3 * AU_KM * np.array([0.6, 0.48, 0.64]) * (1.0 + 0.05 * lanes)
             V = sun[:, 3:] + np.array([-30.0, 40.0, 9.0])
-        found[name] = Place(w=w, physics=physics, X=np.round(X.T.ravel()), V=V.T.ravel(), step_km=step_km)
+        found[name] = Place(
+            w=w, physics=physics, X=np.round(X.T.ravel()), V=V.T.ravel(), step_km=step_km, inside=inside
+        )
     return found
 
 
@@ -73,7 +76,7 @@ def force(place: Place, on: dict[str, Any], X: Array, V: Array) -> Array:
     """What the switched forces add (24,)."""
     A = np.zeros(24)
     place.w.X[:], place.w.V[:] = X, V
-    integrator.add_small_forces(8, place.w, place.physics._replace(**{**OFF, **on}), A)
+    place.inside.add_small_forces(8, place.w, place.physics._replace(**{**OFF, **on}), A)
     return A
 
 
@@ -96,7 +99,7 @@ def test_each_switch_brings_a_force_with_its_jacobian(places: dict[str, Place], 
     place = places[where]
     assert np.abs(force(place, on, place.X, place.V)).min() > 0.0
     place.w.S[:] = 0.0
-    integrator.add_small_gradients(8, place.w, place.physics._replace(**{**OFF, **on}))
+    place.inside.add_small_gradients(8, place.w, place.physics._replace(**{**OFF, **on}))
     limit = 1e-5 if "penumbra" in name else 1e-8
     for of_velocity, table in ((False, place.w.G.copy()), (True, place.w.K.copy())):
         wanted = np.stack([slope(place, on, axis, of_velocity) for axis in range(3)], axis=1)
@@ -109,7 +112,7 @@ def test_parameter_columns_are_the_forces_per_unit(places: dict[str, Place]) -> 
     place = places["near"]
     both: dict[str, Any] = {"radiation_on": True, "shadow_range": 1e7, "nongrav_on": True}
     force(place, both, place.X, place.V)
-    integrator.add_small_gradients(8, place.w, place.physics._replace(**{**OFF, **both}))
+    place.inside.add_small_gradients(8, place.w, place.physics._replace(**{**OFF, **both}))
     columns = place.w.F.reshape(4, 24).copy()
     units = [RADIATION_KM3_S2_PER_M2_KG] + [AU_D2_KM_S2 * AU_KM**2] * 3
     kept = place.w.strength.copy()
@@ -130,25 +133,27 @@ def test_figure_of_the_earth_is_in_the_expansion_with_its_gradient(places: dict[
     parts = []
     for reach in (physics.earth_range, 0.0):
         w.X[:] = X
-        integrator.expand_here(8, w, physics._replace(earth_range=reach))
+        place.inside.expand_here(8, w, physics._replace(earth_range=reach))
         parts.append((w.R0.copy(), w.S0.copy()))
     gm = physics.gm[PLANETS.index("earth")]
     A, S = np.zeros(24), np.zeros(48)
-    forces.zonal_harmonics(8, X, w.P, 3, gm, physics.earth_zonal, w.pole, A)
-    forces.zonal_harmonics_gradient(8, X, w.P, 3, gm, physics.earth_zonal, w.pole, S)
+    place.inside.zonal_harmonics(8, X, w.P, 3, gm, physics.earth_zonal, w.pole, A)
+    place.inside.zonal_harmonics_gradient(8, X, w.P, 3, gm, physics.earth_zonal, w.pole, S)
     assert np.abs(parts[0][0] - parts[1][0] - A).max() < 1e-12 * np.abs(parts[0][0]).max()
     assert np.abs(parts[0][1] - parts[1][1] - S).max() < 1e-12 * np.abs(parts[0][1]).max()
     assert np.abs(A).max() > 1e-5 * np.abs(parts[0][0]).max()
 
 
 @pytest.mark.parametrize("years", [-15.0, 0.0, 25.0])
-def test_pole_of_the_earth_is_that_of_the_step_not_of_the_epoch(full_forces: ForceModel, years: float) -> None:
+def test_pole_of_the_earth_is_that_of_the_step_not_of_the_epoch(
+    full_forces: ForceModel, years: float, inside: Any
+) -> None:
     """0.3 arcsec of the full theory (4 terms of nutation are summed); it moves by 20 arcsec a year."""
     import erfa
 
-    t, w = years * 365.25 * DAY_S, make_work(27, 0)
+    t, w = years * 365.25 * DAY_S, inside.make_work(27, 0)
     window, physics = full_forces.window(EPOCH, t, t + DAY_S), full_forces.physics(EPOCH)
-    integrator.read_ephemeris(8, t, DAY_S, w, physics, window.coefficients, window.layout, window.timing)
+    inside.read_ephemeris(8, t, DAY_S, w, physics, window.coefficients, window.layout, window.timing)
     moment = EPOCH + (t + 0.5 * DAY_S)
     wanted = erfa.pnm06a(moment.day, moment.fraction)[2]
     assert np.degrees(np.abs(w.pole - wanted).max()) * 3600.0 < 0.3

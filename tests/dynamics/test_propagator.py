@@ -31,18 +31,20 @@ def newton(ephemeris: Ephemeris) -> ForceModel:
     return ForceModel(ephemeris=ephemeris, relativity="none", earth_oblateness=False, sun_oblateness=False)
 
 
-def dop853(start: Array, epoch: Epoch, end_s: float, forces: ForceModel, summed: Any) -> tuple[Array, Array]:
+def dop853(
+    start: Array, epoch: Epoch, end_s: float, forces: ForceModel, summed: Any, inside: Any
+) -> tuple[Array, Array]:
     """State and partials (6, 6 + q) at end_s by scipy's Dormand-Prince 8(5,3), with the same forces in one lane."""
     columns, _ = forces.columns()
     count = 6 + len(columns)
     physics = forces.physics(epoch)
     window = forces.ephemeris.window(epoch, min(0.0, end_s), max(0.0, end_s), asteroids=forces.asteroids)
-    w = integrator.make_work(window.layout.shape[0], 0)
+    w = inside.make_work(window.layout.shape[0], 0)
     sun = forces.ephemeris.state_km_km_s("sun", epoch, [0.0, end_s])
     jacobian_x, jacobian_v, by_parameters = (np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, len(columns))))
 
     def rates(t: float, y: Array) -> Array:
-        integrator.read_ephemeris(1, t, 0.0, w, physics, window.coefficients, window.layout, window.timing)
+        inside.read_ephemeris(1, t, 0.0, w, physics, window.coefficients, window.layout, window.timing)
         w.X[::8], w.V[::8] = y[:3], y[3:6]
         acceleration, _ = summed(1, w, physics)
         jacobian_x[:], jacobian_v[:] = w.G[::8].reshape(3, 3), w.K[::8].reshape(3, 3)
@@ -61,11 +63,11 @@ def dop853(start: Array, epoch: Epoch, end_s: float, forces: ForceModel, summed:
 
 
 def test_state_and_partials_agree_with_an_independent_integrator(
-    full_forces: ForceModel, neo: Neo, summed_forces: Any
+    full_forces: ForceModel, neo: Neo, summed_forces: Any, inside: Any
 ) -> None:
     """0.1 m and 1e-9 of each column: what DOP853 reaches at rtol 1e-13 over 100 days."""
     epoch, start = neo
-    state, partials = dop853(start, epoch, 100 * DAY_S, full_forces, summed_forces)
+    state, partials = dop853(start, epoch, 100 * DAY_S, full_forces, summed_forces, inside)
     ours = propagate(start, epoch, [100 * DAY_S], full_forces)
     assert np.abs((ours.state[0] - state) * WEIGHT).max() < 1e-4
     _, chain = full_forces.columns()
@@ -77,11 +79,11 @@ def test_state_and_partials_agree_with_an_independent_integrator(
 
 @pytest.mark.parametrize("relativity", ["none", "sun", "eih"])
 def test_every_relativity_agrees_with_the_independent_integrator(
-    ephemeris: Ephemeris, neo: Neo, relativity: Any, summed_forces: Any
+    ephemeris: Ephemeris, neo: Neo, relativity: Any, summed_forces: Any, inside: Any
 ) -> None:
     epoch, start = neo
     forces = ForceModel(ephemeris=ephemeris, relativity=relativity)
-    state, partials = dop853(start, epoch, -40 * DAY_S, forces, summed_forces)
+    state, partials = dop853(start, epoch, -40 * DAY_S, forces, summed_forces, inside)
     ours = propagate(start, epoch, [-40 * DAY_S], forces)
     assert np.abs((ours.state[0] - state) * WEIGHT).max() < 1e-4
     assert np.abs((ours.Phi[0] - partials) * WEIGHT[:, None] / WEIGHT).max() < 1e-8

@@ -23,7 +23,9 @@ def test_rows_are_those_of_the_telescopes_joined_by_time(minimal_setting: Settin
     each = [observe(scene.trajectory, t, scene.exposures_s(i), scene.ephemeris) for i, t in enumerate(scene.telescopes)]
     joined = merge(each)
     for name in ("t_s", "telescope_index", "psi", "H_x0", "H_c", "noise", "Phi_emission"):
-        assert np.array_equal(getattr(joined, name), getattr(nominal.observation, name)), name
+        one, other = getattr(joined, name), getattr(nominal.observation, name)
+        # To rounding: vectors may begin elsewhere in the rows of one telescope than in those of all
+        assert np.abs(one - other).max() <= 1e-15 * np.abs(one).max(), name
 
 
 def test_a_view_that_does_not_simulate_differs_in_nothing_an_estimator_sees(minimal_setting: Setting) -> None:

@@ -1,0 +1,108 @@
+"""The ephemeris at the nodes of a step: read once for all sweeps, or recalled from the table of a guide.
+
+The perturbers do not depend on the state, so where they are at the eight nodes serves every sweep, every column of Phi
+and zeta, and every orbit that takes the same steps.
+"""
+
+import numpy as np
+import numpy.typing as npt
+
+from nebosvod.dynamics.chebyshev import bodies_at, major_velocities_at, velocity_at
+from nebosvod.dynamics.collocation import NODES
+from nebosvod.dynamics.compilation import SUN, inlined_kernel, kernel
+from nebosvod.dynamics.forces import earth_pole
+from nebosvod.dynamics.model import Physics
+from nebosvod.dynamics.relativity import MAJOR, major_fields
+from nebosvod.dynamics.workspace import Memory, Steps, Work, laid_out
+
+Array = npt.NDArray[np.float64]
+Integers = npt.NDArray[np.int64]
+
+
+@inlined_kernel
+def read_ephemeris(
+    n: int, t: float, h: float, w: Work, p: Physics, coefficients: Array, layout: Integers, timing: Array
+) -> None:
+    """Bodies, the Sun's velocity and the Earth's pole at the nodes of the step from t to t + h."""
+    for i in range(8):
+        w.t[i] = t + h * NODES[i]
+    bodies_at(n, w.t, coefficients, layout, timing, p.mass_ratio, w.T, w.u, w.record, w.P)
+    velocity_at(n, w.t, coefficients, layout, timing, SUN, w.T, w.u, w.record, w.VS)
+    if p.relativity == 2:
+        major_velocities_at(n, w.t, coefficients, layout, timing, p.mass_ratio, w.T, w.u, w.record, w.W)
+        major_fields(n, w.P, p.gm, w.WA, w.U)
+    earth_pole(p.earth_pole_of_date, p.century + (t + 0.5 * h) / 3155760000.0, w.pole)
+
+
+def nodes_width(bodies: int) -> int:
+    """Numbers of one row of a table of nodes."""
+    return 24 * bodies + 27 + MAJOR * 56
+
+
+@inlined_kernel
+def keep_nodes(w: Work, row: Array) -> None:
+    """Write what `read_ephemeris` has found into a row of a table of nodes."""
+    bodies, k = w.P.shape[0], 0
+    for b in range(bodies):
+        for i in range(24):
+            row[k + i] = w.P[b, i]
+        k += 24
+    for i in range(24):
+        row[k + i] = w.VS[i]
+    for i in range(3):
+        row[k + 24 + i] = w.pole[i]
+    k += 27
+    for j in range(MAJOR):
+        for i in range(24):
+            row[k + i], row[k + 24 + i] = w.W[j, i], w.WA[j, i]
+        for i in range(8):
+            row[k + 48 + i] = w.U[j, i]
+        k += 56
+
+
+@inlined_kernel
+def recall_nodes(n: int, w: Work, row: Array, velocities: bool) -> None:
+    """The other way round; the velocities and fields of the major bodies only if they are needed (EIH).
+
+    The trip count 3 n and not 24: a constant is unrolled into single moves (0.3 us a step).
+    """
+    bodies, k = w.P.shape[0], np.uint64(0)
+    for b in range(bodies):
+        for i in range(3 * n):
+            w.P[b, i] = row[k + np.uint64(i)]
+        k += np.uint64(24)
+    for i in range(3 * n):
+        w.VS[i] = row[k + np.uint64(i)]
+    for i in range(3):
+        w.pole[i] = row[k + np.uint64(24 + i)]
+    k += np.uint64(27)
+    if velocities:
+        for j in range(MAJOR):
+            for i in range(24):
+                w.W[j, i], w.WA[j, i] = row[k + np.uint64(i)], row[k + np.uint64(24 + i)]
+            for i in range(8):
+                w.U[j, i] = row[k + np.uint64(48 + i)]
+            k += np.uint64(56)
+
+
+@kernel
+def tabulate_nodes(
+    n: int, guide: Steps, p: Physics, coefficients: Array, layout: Integers, timing: Array, m: Memory, nodes: Array
+) -> None:
+    """Read the ephemeris at the nodes of all steps of a guide into `nodes` (steps, nodes_width)."""
+    w = laid_out(m, layout.shape[0])
+    for k in range(guide.start.shape[0]):
+        read_ephemeris(n, guide.start[k], guide.length[k], w, p, coefficients, layout, timing)
+        keep_nodes(w, nodes[k])
+
+
+@inlined_kernel
+def follow_guide(n: int, w: Work, p: Physics, guide: Steps, nodes: Array, k: int) -> float:
+    """Set up step k of a guide: bodies at its nodes, its accelerations as the first guess; returns its length."""
+    recall_nodes(n, w, nodes[k], p.relativity == 2)
+    for i in range(3 * n):
+        w.known[i] = guide.acceleration[k, i]
+    if guide.variation_acceleration.shape[1] == w.D.shape[0]:
+        for i in range(w.D.shape[0]):
+            w.D_known[i] = guide.variation_acceleration[k, i]
+    return float(guide.length[k])
