@@ -190,9 +190,6 @@ def march(
     if taken == 0:
         clear(n, m)
         begin(n, w, orbits[0], strengths[0])
-        if not guided:
-            read_ephemeris(n, 0.0, 0.0, w, p, coefficients, layout, timing)
-            h = sign * first_step(w, p, tolerance)
     while sign * (end_s - t) > 0.0 and taken < MOST_STEPS:
         if not sampled and taken == steps.start.shape[0]:
             status = FULL
@@ -201,12 +198,16 @@ def march(
             h = follow_guide(n, w, p, guide, nodes, taken)
             t_next = end_s if taken == guide.start.shape[0] - 1 else t + h
         else:
-            t_next = end_s if sign * (t + h - end_s) >= -1e-9 * abs(h) else t + h
-            h = t_next - t
-            if abs(h) < SMALLEST_STEP_S and t_next != end_s:
+            first = h == 0.0
+            t_next = end_s if not first and sign * (t + h - end_s) >= -1e-9 * abs(h) else t + h
+            if not first and abs(t_next - t) < SMALLEST_STEP_S and t_next != end_s:
                 status = STALLED
                 break
+            h = t_next - t
             read_ephemeris(n, t, h, w, p, coefficients, layout, timing)
+            if first:  # how long it may be, the bodies tell
+                h = sign * first_step(w, p, tolerance)
+                continue
         extrapolation(n, h, h_before, w.extrapolation, w.reach, w.ratio)
         for o in range(orbits.shape[0]):  # orbits inside steps: the bodies of a step are fetched once for all
             if sampled:
