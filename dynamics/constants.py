@@ -19,7 +19,8 @@ AU_D2_KM_S2 = AU_KM / DAY_S**2
 # radiation pressure: (S0/c) (1 au)^2 in km^3/s^2 per m^2/kg of area-to-mass ratio
 RADIATION_KM3_S2_PER_M2_KG = SOLAR_IRRADIANCE_W_M2 / (SPEED_OF_LIGHT_KM_S * 1e3) * 1e-3 * AU_KM**2
 
-# Mean radii, km, of the asteroids that perturb (JPL Small-Body Database, half the diameters, rounded)
+# Mean radii, km, of the asteroids that perturb: surfaces for impact tests (JPL Small-Body Database, half the diameters,
+# rounded)
 ASTEROID_RADIUS_KM = MappingProxyType(
     {
         "camilla": 105.0, "ceres": 470.0, "cybele": 119.0, "davida": 135.0, "eunomia": 116.0, "euphrosyne": 134.0,
@@ -28,7 +29,7 @@ ASTEROID_RADIUS_KM = MappingProxyType(
     }
 )  # fmt: skip
 # Equatorial radii, km: IAU WGCCRE 2015 (Archinal et al. 2018, CMDA 130:22); Sun: IAU 2015 resolution B3;
-# Earth: DE440 (RE). Surfaces for impact tests and limbs; asteroids are points.
+# Earth: DE440 (RE). Surfaces for impact tests and limbs.
 RADIUS_KM = MappingProxyType(
     {
         "sun": 695700.0,

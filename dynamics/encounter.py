@@ -4,17 +4,19 @@ Target planes pass through the centre of the body. `b_plane`: normal = incoming 
 at closest approach, coordinates of the impact vector B = S x h/|v_inf|. `mtp`: normal = relative velocity at closest
 approach, coordinates of the crossing point. In both, axis zeta points against the projection of the body's
 heliocentric velocity and xi = normal x zeta (Milani et al. 2002, Icarus 159, 284; Valsecchi et al. 2003, A&A 408,
-1179). The axes stay those of the nominal orbit in the partials; the crossing time is eliminated.
+1179). The axes stay those of the nominal orbit in the partials; the crossing time is eliminated (in the mtp it has no
+effect: the orbit crosses at right angles).
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from nebosvod.dynamics.constants import DAY_S, RADIUS_KM
+from nebosvod.dynamics.constants import ASTEROID_RADIUS_KM, DAY_S, RADIUS_KM
 from nebosvod.dynamics.ephemeris import Ephemeris
 from nebosvod.dynamics.trajectory import Trajectory
 from nebosvod.dynamics.twobody import Analytic
@@ -25,6 +27,9 @@ Array = npt.NDArray[np.float64]
 Plane = Literal["b_plane", "mtp"]
 SAMPLING_S = 0.5 * DAY_S  # at least this dense: a fifth of a day's motion is far below the period of the Moon
 IMPACT_TIDE = 1e-7  # s^-2: GM/r^3 at the surface of every body is larger (Saturn 1.7e-7)
+IMPACT_SAMPLES = 33  # to a step
+IMPACT_GRAIN_S = 1e-3  # to which the time of an impact is found
+SURFACE_KM = MappingProxyType({**RADIUS_KM, **ASTEROID_RADIUS_KM})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -48,8 +53,8 @@ class Encounter:
 
     @property
     def impact(self) -> bool:
-        """Whether the closest point lies below the body's (equatorial) radius."""
-        return self.distance_km < RADIUS_KM.get(self.body, 0.0)
+        """Whether the closest point lies below the body's (equatorial, of an asteroid mean) radius."""
+        return self.distance_km < SURFACE_KM[self.body]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -146,14 +151,13 @@ def target_plane(trajectory: Trajectory, encounter: Encounter, kind: Plane = "b_
     normal = _asymptote(x, gm) if kind == "b_plane" else x[3:] / encounter.speed_km_s
     axes = _axes(normal, _heliocentric_velocity(ephemeris, encounter.body, trajectory.epoch, encounter.t_s))
     v_infinity = float(np.sqrt(v_infinity2)) if v_infinity2 > 0.0 else float("nan")
-    radius = RADIUS_KM.get(encounter.body, 0.0)
+    radius = SURFACE_KM[encounter.body]
     if kind == "b_plane":
         point, gradient = _complex_step(lambda y: axes[[0, 2]] @ _impact_vector(y, gm), x)
         gradient = _without_time(trajectory, encounter, gradient, np.concatenate([x[3:], x[:3]]))
         capture = float(np.sqrt(radius**2 + 2.0 * gm * radius / v_infinity2))
     else:
         point, gradient = axes[[0, 2]] @ x[:3], np.hstack([axes[[0, 2]], np.zeros((2, 3))])
-        gradient = _without_time(trajectory, encounter, gradient, np.concatenate([axes[1], np.zeros(3)]))
         capture = radius
     at = trajectory.at([encounter.t_s])
     return TargetPlane(
@@ -180,23 +184,73 @@ def perigee_distance(trajectory: Trajectory, encounter: Encounter) -> tuple[floa
 
 
 def require_no_impact(trajectory: Trajectory, tide: Array) -> None:
-    """Raise EventError if the trajectory passes below the surface of the Sun, a planet or the Moon.
+    """Raise EventError if the trajectory passes below the surface of a body that attracts it.
 
-    `tide` (steps,) is the largest GM/r^3 of each step: nothing is searched unless it is that of a surface.
+    The impact reported is the one nearest the epoch, at the moment the orbit comes to the surface.
+
+    Parameters
+    ----------
+    trajectory : any.
+    tide : shape (steps,), the largest GM/r^3 of each step, s^-2: only steps with that of a surface are searched.
     """
-    for k in np.flatnonzero(tide > IMPACT_TIDE):
-        edges = trajectory.step_edges_s
-        times = np.linspace(edges[k], edges[k + 1], 33)
-        for body in RADIUS_KM:
+    steep = np.flatnonzero(tide > IMPACT_TIDE)
+    if not steep.size:
+        return
+    edges = trajectory.step_edges_s
+    ends = np.stack([edges[steep], edges[steep + 1]])
+    within_reach = {body: _within_reach(trajectory, body, ends) for body in trajectory.forces.bodies}
+    for k in np.argsort(np.abs(ends.sum(axis=0))):
+        hits = []
+        near, far = sorted(ends[:, k].tolist(), key=abs)
+        for body in (name for name, reached in within_reach.items() if reached[k]):
             relative = _relative(trajectory, body)
-            below = np.linalg.norm(relative(times)[:, :3], axis=1) < RADIUS_KM[body]
-            if below.any():
-                t = float(times[below][np.argmin(np.abs(times[below]))])
-                depth = float(np.linalg.norm(relative(np.array([t]))[0, :3]))
-                raise EventError(
-                    f"the asteroid hits {body} at about {(trajectory.epoch + t).iso(digits=0)}: {depth:.0f} km from "
-                    f"its centre, radius {RADIUS_KM[body]:.0f} km; end the arc before this time"
-                )
+            t = _arrival(relative, np.linspace(near, far, IMPACT_SAMPLES), SURFACE_KM[body])
+            if t is not None:
+                hits.append((abs(t), t, body, float(np.linalg.norm(relative(np.array([t]))[0, :3]))))
+        if hits:
+            _, t, body, distance = min(hits)
+            raise EventError(
+                f"the asteroid hits {body} at about {(trajectory.epoch + t).iso(digits=0)}: {distance:.0f} km from "
+                f"its centre, radius {SURFACE_KM[body]:.0f} km; {_advice(t)}"
+            )
+
+
+def _within_reach(trajectory: Trajectory, body: str, ends: Array) -> npt.NDArray[np.bool_]:
+    """Which steps with these ends (2, k) can come to the surface: speed times length, at the speed of a fall to it."""
+    states = _relative(trajectory, body)(ends.ravel()).reshape(2, -1, 6)
+    radius, gm = SURFACE_KM[body], trajectory.forces.ephemeris.gm_km3_s2[body]
+    distance, speed2 = np.linalg.norm(states[:, :, :3], axis=2), np.sum(states[:, :, 3:] ** 2, axis=2)
+    reach = np.sqrt(speed2.max(axis=0) + 2.0 * gm / radius) * (ends[1] - ends[0])
+    reached: npt.NDArray[np.bool_] = distance.min(axis=0) < radius + reach
+    return reached
+
+
+def _arrival(relative: Callable[[Array], Array], times: Array, radius: float) -> float | None:
+    """When an orbit first comes below a radius, as `times` lead away from the epoch, or None.
+
+    The lowest points between the samples are among those looked at: a graze is deep for less than a sample's distance.
+    """
+    lowest = [t for t, _ in closest_approaches(relative, np.sort(times))]
+    points = np.array(sorted([*times, *lowest], key=abs))
+    below = np.linalg.norm(relative(points)[:, :3], axis=1) < radius
+    if not below.any():
+        return None
+    first = int(np.argmax(below))
+    inside, outside = float(points[first]), float(points[max(first - 1, 0)])
+    while abs(inside - outside) > IMPACT_GRAIN_S:
+        middle = 0.5 * (inside + outside)
+        if np.linalg.norm(relative(np.array([middle]))[0, :3]) < radius:
+            inside = middle
+        else:
+            outside = middle
+    return inside
+
+
+def _advice(t_s: float) -> str:
+    """What to do about an impact at a time after (or before) the epoch."""
+    if t_s == 0.0:
+        return "the arc starts below the surface, check the state and its epoch"
+    return "end the arc before this time" if t_s > 0.0 else "begin the arc after this time"
 
 
 def _relative(trajectory: Trajectory, body: str) -> Callable[[Array], Array]:

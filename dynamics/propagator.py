@@ -8,8 +8,7 @@ import numpy.typing as npt
 
 from nebosvod.dynamics import integrator
 from nebosvod.dynamics.dense import join
-from nebosvod.dynamics.encounter import IMPACT_TIDE, require_no_impact
-from nebosvod.dynamics.ephemeris import PLANETS, Ephemeris
+from nebosvod.dynamics.encounter import require_no_impact
 from nebosvod.dynamics.model import ForceModel, Physics
 from nebosvod.dynamics.trajectory import Trajectory, make_trajectory
 from nebosvod.dynamics.workspace import NO_NODES, NO_SAMPLES, NO_STEPS, Steps
@@ -57,7 +56,7 @@ def propagate(
     InputError, CoverageError
         If shapes are wrong or numbers not finite; if a time is outside the ephemeris.
     EventError
-        If the orbit runs into a body; gives time and distance.
+        If the orbit runs into a body, with time and distance; if it takes too many steps.
     """
     start, times, low, high = _checked(state_km_km_s, t_s)
     low, high = _span(forces, epoch, min(0.0, low), max(0.0, high), margin_s)
@@ -90,12 +89,11 @@ def propagate(
                 if len(steps.start):
                     stub = join(legs[0], legs[1], window, 6 + len(columns) if sensitivities else 0)
                     require_no_impact(make_trajectory(epoch, np.zeros(1), forces, stub, chain, False), stub.steps.tide)
-                raise _stalled(forces.ephemeris, epoch, steps, end_s, start)
+                raise _unfinished(status, forces, epoch, steps, end_s, barycentric[0, :3], tolerance)
     nodes = grid._table.nodes if grid is not None and guides is not NO_GUIDES else None
     table = join(legs[0], legs[1], window, 6 + len(columns) if sensitivities else 0, nodes)
     trajectory = make_trajectory(epoch, times, forces, table, chain, sensitivities)
-    if table.steps.tide.max() > IMPACT_TIDE:
-        require_no_impact(trajectory, table.steps.tide)
+    require_no_impact(trajectory, table.steps.tide)
     return trajectory
 
 
@@ -145,14 +143,21 @@ def _span(forces: ForceModel, epoch: Epoch, low: float, high: float, margin_s: f
     return low, high
 
 
-def _stalled(ephemeris: Ephemeris, epoch: Epoch, steps: Steps, end_s: float, start: Array) -> EventError:
-    """The error for an integration that could not go on: a singularity, so the nearest body is named."""
-    t = float(steps.start[-1] + steps.length[-1]) if len(steps.start) else 0.0
-    sun = ephemeris.state_km_km_s("sun", epoch, t)[0]
-    position = steps.state[-1, :3] if len(steps.start) else start[:3] + sun[:3]
-    distances = {b: float(np.linalg.norm(position - ephemeris.position_km(b, epoch, t)[0])) for b in PLANETS}
-    body = min(distances, key=lambda name: distances[name])
-    return EventError(
-        f"the integration stops at {(epoch + t).iso()} on its way to {(epoch + end_s).iso()}: "
-        f"the asteroid is {distances[body]:.0f} km from the centre of {body}"
-    )
+def _unfinished(
+    status: int, forces: ForceModel, epoch: Epoch, steps: Steps, end_s: float, position_km: Array, tolerance: float
+) -> EventError:
+    """The error for an integration that could not go on: at a singularity, or after too many steps."""
+    t, reached = 0.0, 0.0
+    if len(steps.start):
+        t, position_km = steps.start.item(-1), steps.state[-1, :3]
+        reached = t + steps.length.item(-1)
+    gaps = {b: np.linalg.norm(position_km - forces.ephemeris.position_km(b, epoch, t)[0]) for b in forces.bodies}
+    body = min(gaps, key=lambda name: gaps[name])
+    where = f"{gaps[body]:.0f} km from the centre of {body}"
+    way = f"at {(epoch + reached).iso()} on its way to {(epoch + end_s).iso()}"
+    if status == integrator.TOO_MANY_STEPS:
+        return EventError(
+            f"the integration gives up {way}, after the {integrator.MOST_STEPS} steps it may take (the last is "
+            f"{abs(reached - t):.3g} s long, {where}); ask for a shorter arc, or a tolerance looser than {tolerance:g}"
+        )
+    return EventError(f"the integration stops {way}: the asteroid is {where}")
