@@ -4,9 +4,10 @@ cometary    [e, q_km, tp_s, node, peri, i]   any e >= 0; tp: perihelion passage,
 keplerian   [a_km, e, i, node, peri, M]      e != 1; a < 0 for hyperbolas
 equinoctial [a_km, h, k, p, q, lambda]       e < 1; h + i k = e exp(i(pi/2 - varpi)) (h = e sin varpi, k = e cos varpi),
                                              p = tan(i/2) sin node, q = tan(i/2) cos node, lambda = M + varpi
-Angles in rad, states in km and km/s, both on the axes of the elements (no rotation here: see frames.py). All three go
-through perifocal coordinates in universal variables, which lose nothing at e = 1 (twobody.py). Jacobians of elements ->
-state are complex-step derivatives, exact to round-off; those of state -> elements solve with them.
+Angles in rad, states in km and km/s, both on the axes of the elements (no rotation here: see frames.py). Of the angles
+that follow from a state, node, peri and lambda lie in [0, 2 pi), i in [0, pi], the M of an ellipse within pi of zero.
+All three go through perifocal coordinates in universal variables, which lose nothing at e = 1 (twobody.py). Jacobians
+of elements -> state are complex-step derivatives, exact to round-off; those of state -> elements solve with them.
 """
 
 from collections.abc import Callable
@@ -53,13 +54,19 @@ def state_to_cometary(state: npt.ArrayLike, gm_km3_s2: float) -> tuple[Array, Ar
     Raises
     ------
     GeometryError
-        If an element is undefined: a rectilinear orbit, a circle (perihelion), zero inclination (node).
+        If an element is undefined: a rectilinear orbit, a circle (perihelion), inclination 0 or 180 deg (node).
     """
     return _invert(_to_cometary(_six(state, "state"), gm_km3_s2), cometary_to_state, gm_km3_s2)
 
 
 def state_to_keplerian(state: npt.ArrayLike, gm_km3_s2: float) -> tuple[Array, Array]:
-    """[a_km, e, i, node, peri, M] of a state, and the Jacobian (6, 6) of elements by state."""
+    """[a_km, e, i, node, peri, M] of a state, and the Jacobian (6, 6) of elements by state.
+
+    Raises
+    ------
+    GeometryError
+        As `state_to_cometary`, and for a parabola.
+    """
     x = _six(state, "state")
     e, _, tp, node, peri, i = _to_cometary(x, gm_km3_s2)
     beta = 2.0 * gm_km3_s2 / float(np.sqrt(x[:3] @ x[:3])) - float(x[3:] @ x[3:])
@@ -93,7 +100,12 @@ def state_to_equinoctial(state: npt.ArrayLike, gm_km3_s2: float) -> tuple[Array,
     sin_f = hh + ((1.0 - hh * hh * b) * x2 - hh * k * b * x1) / root
     f = np.arctan2(sin_f, cos_f)
     longitude = f + hh * np.cos(f) - k * np.sin(f)
-    return _invert(np.array([a, hh, k, p, q, np.remainder(longitude, 2 * np.pi)]), equinoctial_to_state, gm_km3_s2)
+    return _invert(np.array([a, hh, k, p, q, _turned(longitude)]), equinoctial_to_state, gm_km3_s2)
+
+
+def _turned(angle: float) -> float:
+    """The angle in [0, 2 pi); the remainder of -1e-17 alone would be a whole turn."""
+    return float(np.remainder(angle, 2.0 * np.pi)) % (2.0 * np.pi)
 
 
 def _six(values: npt.ArrayLike, what: str) -> Array:
@@ -123,7 +135,7 @@ def _invert(elements: Array, forward: Callable[[Array, float], tuple[Array, Arra
     try:
         partials = np.linalg.solve(jacobian / scale, np.eye(6)) / scale[:, None]
     except np.linalg.LinAlgError:
-        raise GeometryError(f"elements {elements} are singular here (circle, or zero inclination)") from None
+        raise GeometryError(f"elements {elements} are singular here: a circle has no perihelion") from None
     return elements, partials
 
 
@@ -139,11 +151,7 @@ def _from_cometary(x: Analytic, gm: float) -> Analytic:
     """Perifocal motion from perihelion: X = q - GM U2, Y = q U1 v_q."""
     e, q, tp, node, peri, i = x
     beta = gm * (1.0 - e) / q
-    t = -tp
-    if np.real(beta) > 0.0:  # whole revolutions away, so that a far perihelion costs no digits
-        period = 2.0 * np.pi * gm / beta**1.5
-        t = t - period * np.round(np.real(t) / np.real(period))
-    s = fictitious_time(t, q, 0.0 * q, beta, gm)
+    s = fictitious_time(-tp, q, 0.0 * q, beta, gm)
     u0, u1, u2, _ = universal(s, beta)
     r, speed = q * u0 + gm * u2, np.sqrt(gm * (1.0 + e) / q)
     position = _orient(q - gm * u2, q * u1 * speed, node, peri, i)
@@ -176,7 +184,6 @@ def _from_equinoctial(x: Analytic, gm: float) -> Analytic:
         f = f - (change if size < 0.5 else 0.5 * change / size)
         if abs(change) < 1e-15:
             break
-    f = f - (f + h * np.cos(f) - k * np.sin(f) - longitude) / (1.0 - h * np.sin(f) - k * np.cos(f))
     root = np.sqrt(1.0 - h * h - k * k)
     b, cf, sf = 1.0 / (1.0 + root), np.cos(f), np.sin(f)
     r = a * (1.0 - h * sf - k * cf)
@@ -201,8 +208,13 @@ def _to_cometary(x: Array, gm: float) -> Array:
     vector = np.cross(velocity, momentum) / gm - position / r
     e = float(np.sqrt(vector @ vector))
     q = h * h / (gm * (1.0 + e))
-    i = np.arctan2(np.hypot(momentum[0], momentum[1]), momentum[2])
-    node = np.arctan2(momentum[0], -momentum[1]) if i > 0.0 else 0.0
+    across = float(np.hypot(momentum[0], momentum[1]))
+    if momentum[2] < 0.0 and across < 1e-15 * h:  # numbers near pi are 4e-16 apart, so nothing is left of sin i
+        raise GeometryError("elements: at inclination 180 deg there is no node; use other axes")
+    if across == 0.0:
+        raise GeometryError("elements: at inclination 0 there is no node; use equinoctial elements, or other axes")
+    i = np.arctan2(across, momentum[2])
+    node = np.arctan2(momentum[0], -momentum[1])
     ahead = np.array([np.cos(node), np.sin(node), 0.0])
     s = _time_from_perihelion(r, sigma, beta, e, gm)
     _, u1, u2, u3 = universal(s, beta)
@@ -210,7 +222,7 @@ def _to_cometary(x: Array, gm: float) -> Array:
     # 1e-16/e of a small vector, and an error of perihelion that tp does not share would move the state
     latitude = np.arctan2(float(position @ np.cross(momentum / h, ahead)), float(position @ ahead))
     peri = latitude - np.arctan2(u1 * h, q - gm * u2)
-    return np.array([e, q, -(q * u1 + gm * u3), np.remainder(node, 2 * np.pi), np.remainder(peri, 2 * np.pi), i])
+    return np.array([e, q, -(q * u1 + gm * u3), _turned(node), _turned(peri), i])
 
 
 def _time_from_perihelion(r: float, sigma: float, beta: float, e: float, gm: float) -> float:

@@ -257,11 +257,30 @@ def test_retrograde_orbit_in_the_plane_has_no_equinoctial_elements() -> None:
 
 
 @pytest.mark.parametrize("convert", [state_to_cometary, state_to_keplerian])
-@pytest.mark.parametrize("velocity", [[0.0, 0.8, 0.6], [0.1, 0.9, 0.0], [0.0, 1.0, 0.0]])
-def test_elements_that_are_undefined_are_reported(convert: Any, velocity: list[float]) -> None:
-    """A circle has no perihelion, an orbit in the plane no node."""
-    with pytest.raises(GeometryError, match="circle, or zero inclination"):
+@pytest.mark.parametrize(
+    ("velocity", "message"),
+    [
+        ([0.0, 0.8, 0.6], "a circle has no perihelion"),
+        ([0.1, 0.9, 0.0], "at inclination 0 there is no node"),
+        ([0.0, 1.0, 0.0], "at inclination 0 there is no node"),
+        ([0.1, -0.9, 0.0], "at inclination 180 deg there is no node"),
+        ([0.1, -0.9, 1e-17], "at inclination 180 deg there is no node"),
+        ([0.0, -1.0, -0.0], "at inclination 180 deg there is no node"),
+    ],
+)
+def test_elements_that_are_undefined_are_reported(convert: Any, velocity: list[float], message: str) -> None:
+    """A circle has no perihelion, an orbit in the plane no node, whichever way round it goes."""
+    with pytest.raises(GeometryError, match=message):
         convert([1.0, 0.0, 0.0, *velocity], 1.0)
+
+
+@pytest.mark.parametrize("convert", [state_to_cometary, state_to_keplerian])
+def test_state_made_at_half_a_turn_of_inclination_has_no_node(convert: Any) -> None:
+    """Its momentum is off the axis by the rounding of pi, 1e-16."""
+    state = keplerian_to_state([AU_KM, 0.3, np.pi, 1.0, 2.0, 0.7], GM)[0]
+    assert np.cross(state[:3], state[3:])[:2].any()
+    with pytest.raises(GeometryError, match="180 deg"):
+        convert(state, GM)
 
 
 @pytest.mark.parametrize("tilt", [1e-9, 1e-5, np.pi - 1e-5])
@@ -282,6 +301,33 @@ def test_angles_of_states_lie_between_nothing_and_a_turn(
 ) -> None:
     state = keplerian_to_state([AU_KM, e, *angles, mean], GM)[0]
     for found in (state_to_cometary(state, GM)[0][3:5], state_to_keplerian(state, GM)[0][3:5]):
-        assert ((found >= 0.0) & (found <= 2.0 * np.pi)).all()  # -1e-17 rounds to a whole turn
-    assert 0.0 <= state_to_equinoctial(state, GM)[0][5] <= 2.0 * np.pi
+        assert ((found >= 0.0) & (found < 2.0 * np.pi)).all()
+    assert 0.0 <= state_to_equinoctial(state, GM)[0][5] < 2.0 * np.pi
     assert 0.0 <= state_to_cometary(state, GM)[0][5] <= np.pi
+    assert abs(state_to_keplerian(state, GM)[0][5]) <= np.pi
+
+
+@pytest.mark.parametrize("tiny", [1e-17, -1e-17])
+@pytest.mark.parametrize("place", [1, 2])
+@pytest.mark.parametrize("speed", [0.9, 1.1])
+def test_angle_a_hair_below_zero_is_zero_and_no_whole_turn(tiny: float, place: int, speed: float) -> None:
+    """1e-15 rad: at an apse on the node all angles are multiples of half a turn, but for the hair."""
+    state = np.array([1.0, 0.0, 0.0, 0.0, 0.8 * speed, 0.6 * speed])
+    state[place] = tiny
+    longitude = state_to_equinoctial(state, 1.0)[0][5]
+    node, peri = state_to_cometary(state, 1.0)[0][3:5]
+    half = np.pi if speed < 1.0 else 0.0
+    assert [node, peri, longitude] == pytest.approx([0.0, half, 0.0], abs=1e-15)
+
+
+def test_far_perihelion_costs_no_more_than_the_digits_of_its_distance() -> None:
+    """4e-12 after a thousand revolutions (reached: 2e-12): the rounding of e and q times the angle gone through."""
+    rng, n = np.random.default_rng(1), 40
+    for size, e, mean in zip(rng.uniform(0.5, 3.0, n) * AU_KM, rng.uniform(0.0, 0.97, n), rng.uniform(-3.0, 3.0, n)):
+        q = size * (1.0 - e)
+        tp = -(mean + 2000.0 * np.pi) * np.sqrt(size**3 / GM)
+        with mp.workdps(50):
+            a = mp.mpf(q) / (1 - mp.mpf(e))
+            turned = mp.fmod(-mp.mpf(tp) * mp.sqrt(mp.mpf(GM) / a**3) + mp.pi, 2 * mp.pi) - mp.pi
+            wanted = np.array([float(v) for v in by_anomalies(a, mp.mpf(e), *map(mp.mpf, (0.5, 1, 2)), turned)])
+        assert relative(cometary_to_state([e, q, tp, 1.0, 2.0, 0.5], GM)[0], wanted) < 4e-12 / (1.0 - e)
