@@ -67,7 +67,7 @@ class Window:
     end_s: float
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class Ephemeris:
     """Where the bodies are; make one with `Ephemeris.load()`.
 
@@ -88,6 +88,10 @@ class Ephemeris:
     _windows: dict[tuple[bool, float, float], list[Window]] = field(default_factory=dict, repr=False)
     _coverage: dict[bool, tuple[Epoch, Epoch]] = field(default_factory=dict, repr=False)
     _suns: dict[tuple[float, float], Array] = field(default_factory=dict, repr=False)
+
+    def __repr__(self) -> str:
+        first, last = self.span
+        return f"Ephemeris({self.source}; {first.iso(digits=0)} to {last.iso(digits=0)})"
 
     @classmethod
     def load(cls, path: str | Path | None = None, asteroids_path: str | Path | None = None) -> "Ephemeris":

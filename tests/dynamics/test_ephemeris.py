@@ -242,3 +242,13 @@ def test_times_that_are_not_numbers_are_refused(excerpt: Ephemeris) -> None:
 def test_unknown_body_is_refused_with_the_known_ones(excerpt: Ephemeris) -> None:
     with pytest.raises(InputError, match=r"vulcan.*mercury"):
         excerpt.position_km("vulcan", EPOCH, 0.0)
+
+
+def test_ephemeris_and_what_holds_it_are_shown_in_a_line(ephemeris: Ephemeris) -> None:
+    """The files and their span, not the tables."""
+    from nebosvod.dynamics.model import ForceModel
+
+    shown = repr(ephemeris)
+    assert shown.startswith(f"Ephemeris({ephemeris.source}; ")
+    assert shown.endswith(f"{ephemeris.span[0].iso(digits=0)} to {ephemeris.span[1].iso(digits=0)})")
+    assert len(repr(ForceModel(ephemeris=ephemeris))) < 600
