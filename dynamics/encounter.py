@@ -200,37 +200,36 @@ def require_no_impact(trajectory: Trajectory, tide: Array) -> None:
     ends = np.stack([edges[steep], edges[steep + 1]])
     within_reach = {body: _within_reach(trajectory, body, ends) for body in trajectory.forces.bodies}
     for k in np.argsort(np.abs(ends.sum(axis=0))):
-        hits = []
-        near, far = sorted(ends[:, k].tolist(), key=abs)
+        times = np.linspace(ends[0, k], ends[1, k], IMPACT_SAMPLES)
         for body in (name for name, reached in within_reach.items() if reached[k]):
             relative = _relative(trajectory, body)
-            t = _arrival(relative, np.linspace(near, far, IMPACT_SAMPLES), SURFACE_KM[body])
+            t = _arrival(relative, times, SURFACE_KM[body])
             if t is not None:
-                hits.append((abs(t), t, body, float(np.linalg.norm(relative(np.array([t]))[0, :3]))))
-        if hits:
-            _, t, body, distance = min(hits)
-            raise EventError(
-                f"the asteroid hits {body} at about {(trajectory.epoch + t).iso(digits=0)}: {distance:.0f} km from "
-                f"its centre, radius {SURFACE_KM[body]:.0f} km; {_advice(t)}"
-            )
+                distance = float(np.linalg.norm(relative(np.array([t]))[0, :3]))
+                raise EventError(
+                    f"the asteroid hits {body} at about {(trajectory.epoch + t).iso(digits=0)}: {distance:.0f} km from "
+                    f"its centre, radius {SURFACE_KM[body]:.0f} km; {_advice(t)}"
+                )
 
 
 def _within_reach(trajectory: Trajectory, body: str, ends: Array) -> npt.NDArray[np.bool_]:
-    """Which steps with these ends (2, k) can come to the surface: speed times length, at the speed of a fall to it."""
+    """Which steps with these ends (2, k) can come to the surface: it is nearer to an end than speed times length.
+
+    One of the ends is half the length away, so there is room for twice the speed between them.
+    """
     states = _relative(trajectory, body)(ends.ravel()).reshape(2, -1, 6)
-    radius, gm = SURFACE_KM[body], trajectory.forces.ephemeris.gm_km3_s2[body]
-    distance, speed2 = np.linalg.norm(states[:, :, :3], axis=2), np.sum(states[:, :, 3:] ** 2, axis=2)
-    reach = np.sqrt(speed2.max(axis=0) + 2.0 * gm / radius) * (ends[1] - ends[0])
-    reached: npt.NDArray[np.bool_] = distance.min(axis=0) < radius + reach
+    distance, speed = (np.linalg.norm(part, axis=2) for part in (states[:, :, :3], states[:, :, 3:]))
+    reach = speed.max(axis=0) * (ends[1] - ends[0])
+    reached: npt.NDArray[np.bool_] = distance.min(axis=0) < SURFACE_KM[body] + reach
     return reached
 
 
 def _arrival(relative: Callable[[Array], Array], times: Array, radius: float) -> float | None:
-    """When an orbit first comes below a radius, as `times` lead away from the epoch, or None.
+    """When an orbit first comes below a radius on the way from the epoch through ascending `times`, or None.
 
     The lowest points between the samples are among those looked at: a graze is deep for less than a sample's distance.
     """
-    lowest = [t for t, _ in closest_approaches(relative, np.sort(times))]
+    lowest = [t for t, _ in closest_approaches(relative, times)]
     points = np.array(sorted([*times, *lowest], key=abs))
     below = np.linalg.norm(relative(points)[:, :3], axis=1) < radius
     if not below.any():

@@ -263,16 +263,17 @@ def test_epoch_at_the_edge_of_the_ephemeris_works(neo: Neo) -> None:
         propagate(neo[1], first, [-20.0 * DAY_S, DAY_S], forces)
 
 
-def test_asteroids_that_end_before_the_planets_end_the_arc(neo: Neo) -> None:
+def test_asteroids_that_begin_after_the_planets_or_end_before_them_end_the_arc(neo: Neo) -> None:
     from nebosvod.dynamics.ephemeris import DATA
 
     full = Ephemeris.load()
     if "naif" not in full.source:
         pytest.skip("the full DE440 is not installed")
     mixed = Ephemeris.load(full.path, DATA / "sb441_n16_1990_2060.bsp")
-    epoch = Epoch.parse("2059-12-01T00:00:00 TDB")
-    with pytest.raises(CoverageError, match="switch the asteroids off"):
-        propagate(neo[1], epoch, [60.0 * DAY_S], ForceModel(ephemeris=mixed), False)
+    early, epoch = Epoch.parse("1990-02-01T00:00:00 TDB"), Epoch.parse("2059-12-01T00:00:00 TDB")
+    for start, days in ((epoch, 60.0), (early, -60.0)):
+        with pytest.raises(CoverageError, match="switch the asteroids off"):
+            propagate(neo[1], start, [days * DAY_S], ForceModel(ephemeris=mixed), False)
     assert propagate(neo[1], epoch, [60.0 * DAY_S], ForceModel(ephemeris=mixed, asteroids=False), False).t_s.size == 1
 
 
