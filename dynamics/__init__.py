@@ -4,6 +4,7 @@ The names below load their module when first used, so that constants and the eph
 """
 
 from importlib import import_module
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -53,3 +54,9 @@ def __getattr__(name: str) -> Any:
     if name in _HOME:
         return getattr(import_module(f"nebosvod.dynamics.{_HOME[name]}"), name)
     raise AttributeError(f"module 'nebosvod.dynamics' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    """What tab completion shows: the public names, loaded or not yet, and the modules in use."""
+    mine = (name for name, value in globals().items() if name.startswith("__") or isinstance(value, ModuleType))
+    return sorted({*__all__, *mine})

@@ -3,6 +3,10 @@
 The span is halved until Chebyshev series of 16 coefficients hold position and velocity; neighbours of equal length form
 one segment. Type 3 keeps a series of its own for the velocity: the derivative of a position series over the minutes of
 an encounter would amplify the rounding of 1e8 km to 0.4 mm/s. Centre: Sun (10); frame: ICRF axes (J2000, 1).
+
+A segment of type 3 has records of one length, so a file has many segments, 52 for ten years with an encounter. SPICE
+finds the right one; of jplephem `kernel[10, target]` gives only the last: choose the one of `kernel.segments` whose
+`start_jd` and `end_jd` hold the time (docs/propagation.md).
 """
 
 import struct
@@ -25,7 +29,7 @@ SUN, J2000, TYPE = 10, 1, 3
 
 
 def write_spk(trajectory: Trajectory, path: Path, target: int, name: str) -> int:
-    """Write the span of the trajectory and return the number of segments.
+    """Write the span of the trajectory and return the number of segments; see above how to read many with jplephem.
 
     Parameters
     ----------
