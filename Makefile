@@ -11,7 +11,7 @@ $(STAMP): pyproject.toml
 	mkdir -p build
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --upgrade pip
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
+	PYTHONWARNINGS='ignore:Editable installation' $(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
 	@echo 'compiling the kernels, once (about half a minute)'
 	$(BIN)/nebosvod run minimal -o build/first-run --overwrite > build/first-run.txt
 	touch $(STAMP)

@@ -48,6 +48,17 @@ def test_package_list_equals_the_folders_with_an_init_file() -> None:
     assert set(settings["package-dir"].values()) == folders
 
 
+def test_every_file_beside_the_code_is_named_as_data_of_its_package() -> None:
+    """Nothing but package-data ships them: a file of another kind would be missing from the wheel."""
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["tool"]["setuptools"]
+    assert not settings["include-package-data"]
+    for folder in sorted(settings["package-dir"].values()):
+        top = ROOT / folder
+        shipped = {path for pattern in settings["package-data"]["*"] for path in top.glob(pattern)}
+        beside = {path for path in (*top.glob("*"), *top.glob("data/**/*")) if path.is_file() and path.suffix != ".py"}
+        assert beside <= shipped, folder
+
+
 @pytest.mark.parametrize("path", CODE, ids=lambda path: path.relative_to(ROOT).as_posix())
 def test_imports_go_one_way_from_left_to_right(path: Path) -> None:
     stage = path.relative_to(ROOT).parts[0]
