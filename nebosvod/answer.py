@@ -10,9 +10,11 @@ from rich.console import Console
 from rich.table import Table
 
 from nebosvod.errors import counted
+from nebosvod.report.facts import earlier_orbit
 
 BUDGET_ROWS = 6
 BLAMED = 3  # kinds of source named behind each prediction
+BASIS = {True: " and a prior orbit", False: ", no earlier orbit used", None: ""}
 AGREE = 0.01  # formal and true sigmas that differ by less are called equal
 UNITS = {"m_s": "m/s"}  # as read, where the key cannot say it
 MEANING = "true = what the error really is under the mission's error model; formal = what the estimator reports"
@@ -66,7 +68,9 @@ def _number(value: float | None) -> str:
 
 def _seen(summary: Mapping[str, Any]) -> Iterator[str]:
     """How many measurements, and for each telescope that lost some, to which limit."""
-    yield f"{counted(summary['n_observations'], 'measurement')}; reference epoch {summary['reference_epoch_tdb']}"
+    used = earlier_orbit(summary, summary["estimators"][0]["name"]) if summary["estimators"] else None
+    seen = counted(summary["n_observations"], "measurement") + BASIS[used]
+    yield f"{seen}; reference epoch {summary['reference_epoch_tdb']}"
     for row in summary["visibility"]:
         lost = row["candidates"] - row["visible"]
         if lost:

@@ -1,5 +1,7 @@
 """What the summary says, as other modules ask for it: leading predictions, their units and sizes, grouped shares."""
 
+import math
+
 from markupsafe import Markup
 
 from nebosvod.report import wording
@@ -12,6 +14,7 @@ WEIGHT = (
     "mtp",
     "perigee_distance",
 )  # planes a reader asks for first; the others follow in the mission's order
+PRIOR_ORBITS = ("prior orbit", "prior orbit and parameters")  # the sources that are an orbit known beforehand
 
 
 def unit_of(prediction: Item) -> str:
@@ -51,6 +54,17 @@ def size(prediction: Item) -> Markup:
     if mean and prediction["plane"] == "perigee_distance":
         return wording.with_sigma(mean[0], axes[0], unit)
     return Markup("± {}").format(quantity(axes[0], unit))
+
+
+def total_sigma(prediction: Item) -> float:
+    """The root of the sum of the variances of all components, in the unit of the prediction."""
+    return math.hypot(*prediction[f"sigma_{unit_of(prediction)}"])
+
+
+def earlier_orbit(summary: Item, estimator: str) -> bool | None:
+    """Whether an estimator started from an orbit known beforehand; None where the summary has no budget to say so."""
+    sources = [row["source"] for row in summary.get("budget") or [] if row["estimator"] == estimator]
+    return any(source in PRIOR_ORBITS for source in sources) if sources else None
 
 
 def object_name(run: RunFolder) -> str:

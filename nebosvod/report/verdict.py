@@ -9,6 +9,7 @@ from markupsafe import Markup
 from nebosvod.report import wording
 from nebosvod.report.facts import (
     WEIGHT,
+    earlier_orbit,
     formal_ratio,
     grouped,
     impact_clause,
@@ -17,6 +18,7 @@ from nebosvod.report.facts import (
     of_telescopes,
     position_shares,
     size,
+    total_sigma,
     unit_of,
 )
 from nebosvod.report.folder import Item, RunFolder
@@ -24,6 +26,12 @@ from nebosvod.report.wording import count, join, percent, product, quantity
 
 HELD_AT_3_SIGMA = {1: "99.7", 2: "98.9", 3: "97.1"}  # per cent of the probability in 1, 2 and 3 dimensions
 AGREE = 0.01  # sigmas that differ by less than this are called equal
+BASIS = {
+    True: ", from these measurements and an earlier orbit, the mission's prior",
+    False: ", from these measurements alone; no earlier orbit was used",
+    None: "",
+}
+SQUARES = {2: "both", 3: "the three"}  # semi-axes by dimension, in the words that define a total sigma
 NEAR = 0.8  # of the largest share, from which on a source is named beside it
 
 
@@ -114,7 +122,7 @@ def _orbit(run: RunFolder, main: Item) -> Markup:
     seed = run.manifest.get("seed")
     made = "" if seed is None else f" simulated (seed {seed}: one truth drawn about the mission's nominal values)"
     return Markup(
-        "At {}, {}{} of {}{} give the heliocentric position of {} to {} and its velocity to {} (1σ, root trace)."
+        "At {}, {}{} of {}{} give the heliocentric position of {} to {} and its velocity to {} (1σ, root trace){}."
     ).format(
         wording.moment(run.summary["reference_epoch_tdb"]),
         count(n, "measurement"),
@@ -124,6 +132,7 @@ def _orbit(run: RunFolder, main: Item) -> Markup:
         object_name(run),
         quantity(main["sigma_position_km"], "km"),
         quantity(main["sigma_velocity_m_s"], "m_s"),
+        BASIS[earlier_orbit(run.summary, main["name"])],
     )
 
 
@@ -158,11 +167,12 @@ def _blame(run: RunFolder, main: Item) -> list[Markup]:
         if known:
             best = min(known, key=lambda row: _remaining(row) or 0.0)
             unit = unit_of(first)
-            now = math.sqrt(sum(v * v for v in first[f"sigma_{unit}"]))
+            axes = SQUARES.get(len(first[f"semi_axes_{unit}"]))
+            meaning = f" (the root of the sum of {axes} semi-axes squared)" if axes else ""
             sentences.append(
                 Markup(
-                    "Were {} to vanish and the estimator told so, its total sigma would be {} instead of {}."
-                ).format(best["source"], quantity(_remaining(best), unit), quantity(now, unit))
+                    "Were {} to vanish and the estimator told so, its total sigma would be {} instead of {}{}."
+                ).format(best["source"], quantity(_remaining(best), unit), quantity(total_sigma(first), unit), meaning)
             )
     rows = run.budget(main["name"])
     if rows:

@@ -1,6 +1,7 @@
 """The sentences: what they say follows from the numbers, and changes with them."""
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -8,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from nebosvod.report.facts import grouped, impact_clause, kind_of, position_shares
+from nebosvod.report.facts import earlier_orbit, grouped, impact_clause, kind_of, position_shares
 from nebosvod.report.folder import RunFolder, read_folder
 from nebosvod.report.physical import kappa_partials, kappa_sentence
 from nebosvod.report.trust import doubtful, nonlinearity_sentence
@@ -70,6 +71,43 @@ def test_estimator_that_ignores_the_bias_is_said_to_mislead_and_why(run: RunFold
     assert verdict(run).tone == "good"
     alone = changed(run, estimators=[blind], predictions=[])
     assert verdict(alone).tone == "caution"
+
+
+@pytest.mark.parametrize(
+    ("source", "said", "unsaid"),
+    [
+        ("mass", "from these measurements alone; no earlier orbit was used.", "the mission's prior"),
+        ("prior orbit", "from these measurements and an earlier orbit, the mission's prior.", "alone"),
+        ("prior orbit and parameters", "from these measurements and an earlier orbit, the mission's prior.", "alone"),
+    ],
+)
+def test_answer_says_once_whether_an_earlier_orbit_was_used(
+    run: RunFolder, source: str, said: str, unsaid: str
+) -> None:
+    row = {**run.budget("batch")[0], "source": source}
+    answers = dict(verdict(changed(run, budget=[*run.summary["budget"], row])).answers)
+    text = " ".join(sentence.striptags() for sentence in answers["How accurate"])
+    assert text.count(said) == 1
+    assert unsaid not in text
+
+
+def test_without_a_budget_nothing_is_said_of_an_earlier_orbit(run: RunFolder) -> None:
+    assert earlier_orbit(run.summary, "no such estimator") is None
+    assert "earlier orbit" not in spoken(changed(run, budget=[]))
+
+
+def test_a_total_sigma_is_explained_where_it_first_appears(real_folder: Path) -> None:
+    found = read_folder(real_folder)
+    sky, space = found.predictions("batch")
+    for predictions, key, axes in (([sky, space], "arcsec", "both"), ([space], "km", "the three")):
+        total = float(np.linalg.norm(predictions[0][f"semi_axes_{key}"]))
+        text = spoken(changed(found, predictions=predictions))
+        meaning = f"(the root of the sum of {axes} semi-axes squared)"
+        assert text.count(meaning) == 1
+        shown = re.search(r"instead of ([\d.]+)\s(\w+) " + re.escape(meaning), text)
+        assert shown is not None
+        scale = {"mas": 1e-3}.get(shown[2], 1.0)
+        assert float(shown[1]) * scale == pytest.approx(total, rel=6e-3)  # three digits are shown
 
 
 def test_formal_sigma_too_large_is_said_too(run: RunFolder) -> None:
