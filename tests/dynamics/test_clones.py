@@ -123,9 +123,49 @@ def test_a_clone_that_flies_alone_keeps_its_parameters_and_the_tolerance(full_fo
         (np.zeros((0, 6)), None, "shape"),
         (np.zeros(6), None, "shape"),
         (np.full((2, 6), np.nan), None, "finite"),
+        (np.full((2, 6), np.nan), None, "states: clones 0, 1 are not finite"),
+        (np.where(np.eye(3, 6, -1), np.nan, 1.0), None, r"states: clones 1, 2 are not finite \(got \[nan, 1\.0"),
+        (np.where(np.eye(2, 6, -1), np.inf, 1.0), None, r"states: clone 1 is not finite \(got \[inf, 1\.0"),
         (np.ones((2, 6)), np.ones((3, 7)), "parameters"),
+        (np.ones((2, 6)), np.where(np.eye(2, 7, -1), np.nan, 1.0), "parameters: clone 1 is not finite"),
     ],
 )
 def test_wrong_input_is_refused(full_forces: ForceModel, neo: Neo, states: Any, parameters: Any, message: str) -> None:
     with pytest.raises(InputError, match=message):
         propagate_many(states, neo[0], [0.0], full_forces, parameters)
+
+
+@pytest.mark.parametrize(("threads", "got"), [(0, "0"), (-2, "-2"), ("two", "two")])
+def test_threads_must_be_one_or_more(full_forces: ForceModel, neo: Neo, threads: Any, got: str) -> None:
+    with pytest.raises(InputError, match=rf"^threads: needs a positive number \(got {got}\)$"):
+        propagate_many([neo[1]], neo[0], [0.0], full_forces, threads=threads)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("mass_kg", 0.0, r"^parameters: clone 1: mass_kg = 0\.0 is not allowed"),
+        ("radius_m", 0.0, r"^parameters: clone 1: radius_m = 0\.0 is not allowed"),
+        ("radius_m", "opposite", r"^parameters: the mean of the clones: radius_m = 0\.0 is not allowed"),
+    ],
+)
+def test_parameters_without_a_force_name_the_clone(
+    full_forces: ForceModel, neo: Neo, name: str, value: Any, message: str
+) -> None:
+    values = np.tile(full_forces.values, (2, 1))
+    place = full_forces.parameters.index(name)
+    values[1, place] = -values[0, place] if value == "opposite" else value
+    with pytest.raises(InputError, match=message):
+        propagate_many([neo[1], neo[1]], neo[0], [DAY_S], full_forces, values)
+
+
+def test_parameters_outside_the_physical_range_are_points_of_the_model(full_forces: ForceModel, neo: Neo) -> None:
+    """A draw of albedo 7 or of a radius of -5 m flies as alone: kappa is smooth there. 1 mm after a hundred days."""
+    values = np.tile(full_forces.values, (3, 1))
+    values[1, full_forces.parameters.index("albedo")] = 7.0
+    values[2, full_forces.parameters.index("radius_m")] = -5.0
+    many = propagate_many(3 * [neo[1]], neo[0], [100.0 * DAY_S], full_forces, values)
+    for k in range(3):
+        own = full_forces.with_values(dict(zip(full_forces.parameters, values[k])))
+        one = propagate(neo[1], neo[0], [100.0 * DAY_S], own, False).state
+        assert np.abs((many.state[k] - one)[:, :3]).max() < 1e-6

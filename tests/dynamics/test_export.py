@@ -181,6 +181,71 @@ def test_oem_refuses_what_it_cannot_hold(flight: Trajectory, tmp_path: Path) -> 
         flight.to_oem(path, object_name="Апофис", object_id="1", created=created)
 
 
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"created": "yesterday"}, r"created 'yesterday' is not allowed \(a date in UTC like 2026-01-31T12:00:00\)"),
+        ({"created": ""}, r"created '' is not allowed"),
+        ({"created": "2026-01-01"}, r"created '2026-01-01' is not allowed"),
+        ({"created": "2026-01-01T00:00:00\nX = 1"}, r"created .* is not allowed"),
+        ({"created": "2026-02-30T00:00:00"}, r"created '2026-02-30T00:00:00' is not allowed .*no such date"),
+        ({"object_name": "A\nCENTER_NAME = EARTH"}, r"object_name .* is not allowed \(one line of printable ASCII"),
+        ({"object_name": " "}, r"object_name ' ' is not allowed .*not empty"),
+        ({"object_id": "1\r2"}, r"object_id '1\\r2' is not allowed"),
+        ({"object_id": ""}, r"object_id '' is not allowed .*not empty"),
+    ],
+)
+def test_oem_refuses_texts_that_would_break_its_lines(
+    flight: Trajectory, tmp_path: Path, options: dict[str, str], message: str
+) -> None:
+    good = {"object_name": "A", "object_id": "1", "created": "2026-01-01T00:00:00"}
+    with pytest.raises(InputError, match=message):
+        flight.to_oem(tmp_path / "x.oem", **{**good, **options})
+    assert not list(tmp_path.iterdir())
+
+
+def changed(i: int, j: int, value: float) -> Array:
+    """The covariance of 100 km and 1e-5 km/s with one element changed."""
+    matrix = np.diag([1e4, 1e4, 1e4, 1e-10, 1e-10, 1e-10])
+    matrix[i, j] = value
+    return matrix
+
+
+def correlated(rho: float) -> Array:
+    """x and vx correlated by rho."""
+    matrix = changed(0, 3, 1e-3 * rho)
+    matrix[3, 0] = 1e-3 * rho
+    return matrix
+
+
+@pytest.mark.parametrize(
+    ("covariance", "message"),
+    [
+        (changed(2, 4, np.nan), "needs finite numbers, got nan in row 2, column 4"),
+        (changed(5, 5, np.inf), "needs finite numbers, got inf in row 5, column 5"),
+        (changed(4, 4, -1e-10), "needs variances of 0 or more, got -1e-10"),
+        (changed(0, 3, 1e-5), "must be symmetric, got 1e-05 in row 0, column 3 and 0 in row 3, column 0"),
+        (correlated(1.1), "must be positive semidefinite, got a smallest eigenvalue of the correlations of -0.1"),
+    ],
+)
+def test_oem_refuses_a_matrix_that_is_no_covariance(
+    flight: Trajectory, tmp_path: Path, covariance: Array, message: str
+) -> None:
+    with pytest.raises(InputError, match=message):
+        flight.to_oem(
+            tmp_path / "x.oem", object_name="A", object_id="1", created="2026-01-01T00:00:00", covariance=covariance
+        )
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("covariance", [np.zeros((6, 6)), correlated(1.0), correlated(1.0 + 1e-10)])
+def test_oem_takes_a_singular_covariance(flight: Trajectory, tmp_path: Path, covariance: Array) -> None:
+    """A direction known exactly, also as a text of ten digits has it."""
+    flight.at([0.0]).to_oem(
+        tmp_path / "x.oem", object_name="A", object_id="1", created="2026-01-01T00:00:00", covariance=covariance
+    )
+
+
 def test_oem_is_written_as_the_standard_asks(flight: Trajectory, tmp_path: Path) -> None:
     """Line by line (CCSDS 502.0-B-2, 5.2): header, metadata, ephemeris, covariance; epochs to a nanosecond."""
     path, short = tmp_path / "x.oem", flight.at([0.0, 0.123456789])

@@ -23,11 +23,22 @@ BALL = RadiationPressure(radius_m=170.0, mass_kg=6.1e10, albedo=0.159)
         ({"earth_pole": "b1950"}, "allowed: date, j2000"),
         ({"earth_harmonics": 5}, "allowed: 2, 3, 4"),
         ({"excluded": ("apophis",)}, 'excluded "apophis" is unknown; known: camilla'),
+        ({"asteroids": "no"}, r'^asteroids "no" is not allowed \(True or False\)$'),
+        ({"earth_oblateness": 0}, r"^earth_oblateness 0 is not allowed \(True or False\)$"),
+        ({"sun_oblateness": None}, r"^sun_oblateness None is not allowed \(True or False\)$"),
+        ({"earth_shadow": "off"}, r'^earth_shadow "off" is not allowed \(True or False\)$'),
     ],
 )
 def test_wrong_models_are_refused(ephemeris: Ephemeris, options: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message):
         ForceModel(ephemeris=ephemeris, **options)
+
+
+@pytest.mark.parametrize("switch", ["asteroids", "earth_oblateness", "sun_oblateness", "earth_shadow"])
+@pytest.mark.parametrize("value", [True, False])
+def test_a_switch_of_numpy_is_a_switch(ephemeris: Ephemeris, switch: str, value: bool) -> None:
+    options: dict[str, Any] = {switch: np.bool_(value)}
+    assert getattr(ForceModel(ephemeris=ephemeris, **options), switch) is value
 
 
 @pytest.mark.parametrize(
@@ -142,3 +153,21 @@ def test_a_gaussian_draw_outside_the_physical_range_is_a_point_of_the_model() ->
         RadiationPressure(radius_m=10.0, mass_kg=8e6, albedo=-0.05)
     with pytest.raises(InputError, match="no kappa"):
         body.moved({"mass_kg": 0.0})
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"radius_m": 0.0}, r"^radius_m = 0\.0 is not allowed \(any number but 0"),
+        ({"mass_kg": 0.0}, r"^mass_kg = 0\.0 is not allowed \(any number but 0"),
+        ({"albedo": np.nan}, r"^albedo = nan is not allowed \(a finite number\)"),
+        ({"albedo": -2.25}, r"^albedo = -2\.25 with thermal_emission = 0\.0 is not allowed \(.*C_R"),
+        ({"radius_m": 1e200}, r"^radius_m = 1e\+200, mass_kg = .*too large"),
+        ({"mass_kg": 1e-310}, r"mass_kg = 1e-310, .*too large"),
+    ],
+)
+def test_a_step_to_where_kappa_does_not_exist_is_refused_in_plain_words(
+    ephemeris: Ephemeris, values: dict[str, float], message: str
+) -> None:
+    with pytest.raises(InputError, match=message):
+        ForceModel(ephemeris=ephemeris, radiation=BALL).with_values(values)

