@@ -74,14 +74,15 @@ def advance(n: int, w: Work, h: float) -> None:
 
 @inlined_kernel
 def last_coefficient(A: Array) -> float:
-    """Largest component of the degree 7 Legendre coefficient of the acceleration."""
-    largest = 0.0
+    """Largest component of the degree 7 Legendre coefficient of the acceleration; infinite if one is not a number."""
+    largest, total = 0.0, 0.0
     for k in range(0, 24, 8):
         s = 0.0
         for i in range(8):
             s += LAST_ROW[i] * A[k + i]
         largest = max(largest, abs(s))
-    return largest
+        total += s
+    return float(largest) if np.isfinite(total) else np.inf
 
 
 @inlined_kernel
@@ -283,5 +284,5 @@ def integrate(
 
 
 def is_compiled_cache_present() -> bool:
-    """Whether `march` will start at once; if not, its first call compiles for some 15 s (a program may say so)."""
+    """Whether `march` will start at once; if not, its first call compiles for some 20 s (a program may say so)."""
     return is_compiled(march)

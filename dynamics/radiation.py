@@ -158,10 +158,11 @@ def shade(n: int, X: Array, P: Array, strength: float, A: Array) -> None:
     for l in range(n):
         dx, dy, dz = X[l] - P[0, l], X[8 + l] - P[0, 8 + l], X[16 + l] - P[0, 16 + l]
         ex, ey, ez = X[l] - P[3, l], X[8 + l] - P[3, 8 + l], X[16 + l] - P[3, 16 + l]
-        if dx * ex + dy * ey + dz * ez <= 0.0:
-            continue
+        e2 = ex * ex + ey * ey + ez * ez
+        if dx * ex + dy * ey + dz * ez <= 0.0 or e2 <= EARTH_RADIUS_KM * EARTH_RADIUS_KM:
+            continue  # by day, or below the ground
         cx, cy, cz = dy * ez - dz * ey, dz * ex - dx * ez, dx * ey - dy * ex
-        r2, e2 = dx * dx + dy * dy + dz * dz, ex * ex + ey * ey + ez * ez
+        r2 = dx * dx + dy * dy + dz * dz
         r, e = np.sqrt(r2), np.sqrt(e2)
         apart = np.arcsin(np.sqrt(cx * cx + cy * cy + cz * cz) / (r * e))
         covered, _, _, _ = dimming(np.arcsin(SUN_RADIUS_KM / r), np.arcsin(EARTH_RADIUS_KM / e), apart)
@@ -181,11 +182,11 @@ def shade_gradient(n: int, X: Array, P: Array, strength: float, per_kappa: float
     for l in range(n):
         dx, dy, dz = X[l] - P[0, l], X[8 + l] - P[0, 8 + l], X[16 + l] - P[0, 16 + l]
         ex, ey, ez = X[l] - P[3, l], X[8 + l] - P[3, 8 + l], X[16 + l] - P[3, 16 + l]
-        dot = dx * ex + dy * ey + dz * ez
-        if dot <= 0.0:
+        dot, e2 = dx * ex + dy * ey + dz * ez, ex * ex + ey * ey + ez * ez
+        if dot <= 0.0 or e2 <= EARTH_RADIUS_KM * EARTH_RADIUS_KM:
             continue
         cx, cy, cz = dy * ez - dz * ey, dz * ex - dx * ez, dx * ey - dy * ex
-        r2, e2 = dx * dx + dy * dy + dz * dz, ex * ex + ey * ey + ez * ez
+        r2 = dx * dx + dy * dy + dz * dz
         r, e = np.sqrt(r2), np.sqrt(e2)
         sine = np.sqrt(cx * cx + cy * cy + cz * cz) / (r * e)
         a, b = np.arcsin(SUN_RADIUS_KM / r), np.arcsin(EARTH_RADIUS_KM / e)

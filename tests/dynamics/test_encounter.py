@@ -414,3 +414,16 @@ def test_plane_without_sensitivities_is_refused(start: Array, forces: ForceModel
     (e,) = find_encounters(bare, "earth", 1e6)
     with pytest.raises(InputError, match="without sensitivities"):
         target_plane(bare, e)
+
+
+@pytest.mark.parametrize("miss_km", [0.0, 3000.0])
+@pytest.mark.parametrize("sensitivities", [True, False])
+def test_a_hit_from_the_night_side_is_a_hit(full_forces: ForceModel, miss_km: float, sensitivities: bool) -> None:
+    """In the shadow and through the ground, where the Earth has no apparent radius."""
+    epoch = Epoch.parse("2029-03-01T00:00:00 TDB")
+    earth, sun = (full_forces.ephemeris.state_km_km_s(body, epoch, 0.0)[0] for body in ("earth", "sun"))
+    outward = (earth - sun)[:3] / np.linalg.norm((earth - sun)[:3])
+    aside = np.cross(outward, [0.0, 0.0, 1.0])
+    start = earth - sun + np.concatenate([2e6 * outward + miss_km * aside, -20.0 * outward])
+    with pytest.raises(EventError, match="hits earth at about 2029-03-02T0"):
+        propagate(start, epoch, [5.0 * DAY_S], full_forces, sensitivities)
