@@ -99,9 +99,7 @@ def test_an_object_is_found_by_any_of_its_designations(name: str, lines: list[in
 
 def test_a_name_of_nothing_and_one_of_two_objects_are_told() -> None:
     one = parse_astrometry(SourceFile("f", NAMED.encode()))
-    with pytest.raises(
-        InputError, match=r"both is the name of several objects here \(2023 DW, 3666\)"
-    ):
+    with pytest.raises(InputError, match=r"both is the name of several objects here \(2023 DW, 3666\)"):
         one.of("both")
     with pytest.raises(InputError, match=r"there are: 3666 = 1979 HP = trk1, 2023 DW = trk2 = both, lone\)"):
         one.of("433")
