@@ -16,7 +16,7 @@ from nebosvod.errors import CoverageError, EventError, InputError
 from nebosvod.timescale import Epoch
 
 Array = npt.NDArray[np.float64]
-TOLERANCE, TIGHTEST, LOOSEST = 1e-10, 1e-15, 1e-3
+TOLERANCE, TIGHTEST, LOOSEST = 1e-10, 1e-16, 1e-3
 NO_GUIDES = ((NO_STEPS, NO_NODES),) * 2
 OWN_TIDE = 1e-10  # s^-2: GM/r^3 at ten radii of an asteroid of 0.4 g/cm^3
 LIGHT_TIME_MARGIN_S = 21600.0  # the light time over 43 au
@@ -43,7 +43,7 @@ def propagate(
     forces : the force model; `forces.parameters` are the columns of zeta. An orbit that starts within ten radii of one
         of the asteroids is that asteroid: it is left out, and `trajectory.forces.excluded` says so.
     sensitivities : whether Phi and zeta are integrated.
-    tolerance : last Legendre coefficient of the acceleration over a step, relative; from 1e-15 to 1e-3.
+    tolerance : last Legendre coefficient of the acceleration over a step, relative; from 1e-16 to 1e-3.
     margin_s : how far before the first time the trajectory reaches, so that light-time solutions find their emission
         time inside it; cut at the start of the ephemeris.
     grid : a trajectory of a near orbit, such as the last iteration of a fit: its steps, the ephemeris at their nodes

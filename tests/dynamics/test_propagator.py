@@ -450,5 +450,5 @@ def test_no_tolerance_chases_the_rounding_of_a_near_body(ephemeris: Ephemeris) -
 
 @pytest.mark.parametrize("tolerance", [0.0, -1e-10, float("nan"), float("inf"), 1.0])
 def test_a_tolerance_that_is_none_is_refused(full_forces: ForceModel, neo: Neo, tolerance: float) -> None:
-    with pytest.raises(InputError, match=r"tolerance: needs a number from 1e-15 to 0.001 \(got"):
+    with pytest.raises(InputError, match=r"tolerance: needs a number from 1e-16 to 0.001 \(got"):
         propagate(neo[1], neo[0], [DAY_S], full_forces, tolerance=tolerance)
