@@ -39,15 +39,15 @@ class StepTable:
 
     def guides(self, physics: Physics) -> tuple[tuple[Steps, Array], ...]:
         """Steps and tables of nodes of both legs, for orbits that follow this one."""
-        w = self.window
-        if not self.nodes:
-            for leg in self.legs:
-                guide = leg or NO_STEPS
-                bodies = len(w.layout)
+        guides, tables = tuple(leg or NO_STEPS for leg in self.legs), list(self.nodes)
+        if not tables:
+            w, bodies = self.window, len(self.window.layout)
+            for guide in guides:
                 nodes = np.zeros((len(guide.start), nodes_width(bodies)))
                 tabulate_nodes(8, guide, physics, w.coefficients, w.layout, w.timing, memory(bodies, 0), nodes)
-                self.nodes.append(nodes)
-        return tuple((leg or NO_STEPS, nodes) for leg, nodes in zip(self.legs, self.nodes))
+                tables.append(nodes)
+            self.nodes[:] = tables  # both at once: another thread may be here as well
+        return tuple(zip(guides, tables))
 
     def evaluate(self, t_s: Array, *, variations: bool) -> tuple[Array, Array]:
         """Heliocentric states (n, 6) and, if asked for, variations (n, 6, count) at times inside the edges."""

@@ -221,13 +221,14 @@ class Ephemeris:
     def sun_at(self, epoch: Epoch) -> Array:
         """Barycentric state of the Sun at one epoch, shape (6,), read-only; kept for the next call."""
         key = (epoch.day, epoch.fraction)
-        if key not in self._suns:
+        state = self._suns.get(key)
+        if state is None:
             if len(self._suns) > 16:
                 self._suns.clear()
             state = self.state_km_km_s("sun", epoch, 0.0)[0]
             state.flags.writeable = False
             self._suns[key] = state
-        return self._suns[key]
+        return state
 
     def window(self, epoch: Epoch, start_s: float, end_s: float, *, asteroids: bool) -> Window:
         """Cut the coefficients of all bodies to an arc; the last few windows are kept, so that repeats are free.

@@ -203,11 +203,12 @@ class ForceModel:
     def physics(self, epoch: Epoch) -> Physics:
         """The bare numbers for the kernels, with times counted from `epoch`; kept for the next call."""
         key = (epoch.day, epoch.fraction)
-        if key not in self._physics:
+        physics = self._physics.get(key)
+        if physics is None:
             if len(self._physics) > 16:
                 self._physics.clear()
-            self._physics[key] = self._physics_at(epoch)
-        return self._physics[key]
+            physics = self._physics[key] = self._physics_at(epoch)
+        return physics
 
     def _physics_at(self, epoch: Epoch) -> Physics:
         scalars = self.ephemeris.scalars

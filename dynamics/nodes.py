@@ -99,6 +99,8 @@ def tabulate_nodes(
 @inlined_kernel
 def follow_guide(n: int, w: Work, p: Physics, guide: Steps, nodes: Array, k: int) -> float:
     """Set up step k of a guide: bodies at its nodes, its accelerations as the first guess; returns its length."""
+    for i in range(8):
+        w.t[i] = guide.start[k] + guide.length[k] * NODES[i]
     recall_nodes(n, w, nodes[k], p.relativity == 2)
     for i in range(3 * n):
         w.known[i] = guide.acceleration[k, i]

@@ -136,7 +136,9 @@ def dimming(a: float, b: float, t: float) -> tuple[float, float, float, float]:
     """Covered part of a disk of radius a by one of radius b, centres t apart, and its partials by a, b and t.
 
     Small angles, as plane disks. The partials of the lens-shaped overlap are its two arcs and its chord; they are
-    continuous at every contact of the limbs, so that the force is smooth enough for the integrator.
+    continuous at every contact of the limbs, so that the force is smooth enough for the integrator once a node is in
+    the shadow. A slow passage far behind the Earth may lie between nodes: at 800,000 km and 2 km/s the default
+    tolerance sees nothing of it, 0.14 m after 35 days for Apophis and 300 m at 3e-3 m^2/kg; 1e-11 does.
     """
     if t >= a + b:
         return 0.0, 0.0, 0.0, 0.0

@@ -199,22 +199,21 @@ def solve_state(n: int, w: Work, p: Physics, h: float) -> tuple[bool, float, flo
     position is amplified by GM/r^3: without it the step control would chase noise), and their size.
     """
     predict(n, w.extrapolation, w.ratio, w.before, w.known, w.missed, STATE_ROWS, w.A)
-    last, noise, size, reach = 1e300, 0.0, 1.0, -1.0
+    last, noise, size, valid_km, x, v = 1e300, 0.0, 1.0, -1.0, w.x, w.v
+    # The rounding of position and time, km
+    blur = abs(x[0]) + abs(x[1]) + abs(x[2]) + abs(w.t[7]) * (abs(v[0]) + abs(v[1]) + abs(v[2]))
     for sweep in range(14):
         stage_states(n, w.A, w.x, w.v, h, w.X, w.V)
         shifts(n, w.X, w.X0, w.change[16:])
-        if sweep == 0 or largest(w.change[16:]) > reach:
+        if sweep == 0 or largest(w.change[16:]) > valid_km:
             expand_here(n, w, p)
         expanded_field(n, w.X, w.X0, w.R0, w.S0, w.P, p.gm[SUN], w.B)
         add_small_forces(n, w, p, w.B)
         replace(n, w.A, w.B, w.change)
         size = largest(w.change[8:])
         change = largest(w.change) / size
-        reach = np.sqrt(0.02 * EPSILON * size / largest(w.bend))
-        if sweep == 0:
-            x, v = w.x, w.v
-            blur = abs(x[0]) + abs(x[1]) + abs(x[2]) + abs(w.t[7]) * (abs(v[0]) + abs(v[1]) + abs(v[2]))
-            noise = largest(w.tide) * 8.0 * EPSILON * blur / size
+        valid_km = np.sqrt(0.02 * EPSILON * size / largest(w.bend))  # how far the expansion holds
+        noise = largest(w.tide) * 8.0 * EPSILON * blur / size
         if change < EPSILON + noise or (change < 1e-13 + noise and change > 0.3 * last):
             return True, noise, size
         if sweep > 0 and change * change / last < 1e-16:  # the next change, by the contraction seen

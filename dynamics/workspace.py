@@ -61,7 +61,9 @@ class Work(NamedTuple):
     change: Array  # (24,) largest change, size and shift of each lane in a sweep
     before: Array  # (24,) accelerations of the last step, less those of the guide
     known: Array  # (24,) accelerations of the guide in this step; zero without one
-    missed: Array  # (24,) by how much the prediction missed the accelerations of the last step
+    missed: (
+        Array  # (24,) by how much the prediction missed the accelerations of the last step; inside one, the prediction
+    )
     reach: Array  # (8,) how far each node was extrapolated (see stages.extrapolation)
     ratio: Array  # (8,) and is now, relative to that
     x: Array  # (3,) the state of the orbit in hand

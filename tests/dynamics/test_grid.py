@@ -1,12 +1,13 @@
 """Grids: the steps and nodes of one orbit serve near ones; the expansion of the far field loses nothing."""
 
 import dataclasses
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
 import pytest
 
-from nebosvod.dynamics import Ephemeris, ForceModel, propagate, propagator
+from nebosvod.dynamics import Ephemeris, ForceModel, Trajectory, propagate, propagator
 from nebosvod.dynamics.constants import DAY_S
 from nebosvod.dynamics.ephemeris import PLANETS
 from nebosvod.timescale import Epoch
@@ -135,3 +136,36 @@ def test_grid_of_the_sun_alone_does_not_serve_all_planets(full_forces: ForceMode
     propagate(start, epoch, TIMES, first, False, grid=grid)
     own, again = (propagate(start + NEAR, epoch, TIMES, second, False, grid=g) for g in (None, grid))
     assert np.abs((again.state - own.state) * WEIGHT).max() < 1e-6
+
+
+def test_threads_may_share_a_grid_that_has_no_nodes_yet(full_forces: ForceModel, neo: Neo) -> None:
+    """Both legs, eight at once, ten grids: each orbit is bit by bit the one of a single thread."""
+    epoch, start = neo
+    wanted = propagate(start + NEAR, epoch, TIMES, full_forces, False, grid=grid_of(start, epoch, full_forces)).state
+    with ThreadPoolExecutor(8) as pool:
+        for _ in range(10):
+            grid = grid_of(start, epoch, full_forces)
+            found = pool.map(
+                lambda _, g=grid: propagate(start + NEAR, epoch, TIMES, full_forces, False, grid=g), range(8)
+            )
+            assert all(np.array_equal(orbit.state, wanted) for orbit in found)
+            assert len(grid._table.nodes) == 2
+
+
+def grid_of(start: Array, epoch: Epoch, forces: ForceModel) -> Trajectory:
+    return propagate(start, epoch, TIMES, forces, False)
+
+
+def test_an_encounter_long_after_the_epoch_keeps_its_grid(ephemeris: Ephemeris) -> None:
+    """The rounding of time grows with it and is part of the floor, on a grid as without one."""
+    far = Epoch.parse("2029-03-01T00:00:00 TDB")
+    earth, sun = (ephemeris.state_km_km_s(body, far, 0.0)[0] for body in ("earth", "sun"))
+    forces = ForceModel(ephemeris=ephemeris)
+    near = propagate(earth - sun + np.array([4e4, 0.0, 0.0, 0.0, 9.0, 3.0]), far, [-20.0 * DAY_S], forces, False)
+    epoch = far + -25.0 * 365.25 * DAY_S
+    start = propagate(near.state[0], far + -20.0 * DAY_S, [epoch - (far + -20.0 * DAY_S)], forces, False).state[0]
+    times = [far - epoch + 20.0 * DAY_S]
+    grid = propagate(start, epoch, times, forces, False)
+    again = propagate(start, epoch, times, forces, False, grid=grid)
+    assert again._table.nodes is grid._table.nodes
+    assert np.array_equal(again.step_edges_s, grid.step_edges_s)

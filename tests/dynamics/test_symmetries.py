@@ -228,6 +228,7 @@ def test_a_turned_solar_system_has_turned_orbits(
                 nongrav=Nongrav(a1_au_d2=1e-10, a2_au_d2=1e-10, a3_au_d2=1e-10),
                 parameters=("radius_m", "a3_au_d2"),
             ),
+            tolerance=1e-12,  # the steps follow the largest component, so they differ
         )
         for bodies, start in ((excerpt, state_of(orbit)), (turned(excerpt, R), R6 @ state_of(orbit)))
     ]
