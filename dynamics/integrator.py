@@ -63,13 +63,13 @@ def advance(n: int, w: Work, h: float) -> None:
         q, s = weighed(STEP_WEIGHTS, w.A, 8 * k)
         add_compensated(w.x, w.lost, k, h * w.v[k] + h * h * s + h * w.lost[3 + k])
         add_compensated(w.v, w.lost[3:], k, h * q)
-    remember(n, w.A, w.known, STATE_ROWS, w.before, w.missed)
+    remember(n, w.A, w.known, STATE_ROWS, w.before)
     rows = w.D.shape[0] // 8
     for r in range(rows):
         q, s = weighed(STEP_WEIGHTS, w.D, 8 * r)
         w.px[r] += h * w.pv[r] + h * h * s
         w.pv[r] += h * q
-    remember(n, w.D, w.D_known, rows, w.D_before, w.D_missed)
+    remember(n, w.D, w.D_known, rows, w.D_before)
 
 
 @inlined_kernel
@@ -131,7 +131,7 @@ def take_up(n: int, w: Work, orbit: Array, strength: Array) -> None:
     for i in range(3):
         w.x[i], w.v[i], w.lost[i], w.lost[3 + i] = orbit[i], orbit[3 + i], orbit[6 + i], orbit[9 + i]
     for i in range(3 * n):
-        w.before[i], w.missed[i] = orbit[12 + i], orbit[36 + i]
+        w.before[i] = orbit[12 + i]
 
 
 @inlined_kernel
@@ -143,19 +143,12 @@ def begin(n: int, w: Work, orbit: Array, strength: Array) -> None:
 
 
 @inlined_kernel
-def forget_misses(n: int, w: Work) -> None:
-    """After a step in vain: what the prediction of the last one missed is overwritten."""
-    for i in range(n):
-        w.reach[i] = 0.0
-
-
-@inlined_kernel
 def put_down(n: int, w: Work, orbit: Array) -> None:
     """The other way round, after the step."""
     for i in range(3):
         orbit[i], orbit[3 + i], orbit[6 + i], orbit[9 + i] = w.x[i], w.v[i], w.lost[i], w.lost[3 + i]
     for i in range(3 * n):
-        orbit[12 + i], orbit[36 + i] = w.before[i], w.missed[i]
+        orbit[12 + i] = w.before[i]
 
 
 @inlined_kernel
@@ -180,7 +173,7 @@ def march(
 ) -> int:  # fmt: skip
     """Go on from where `clock` (4,) stands: time, length of the next step and of the last one, steps taken.
 
-    The arguments are those of `integrate`; `orbits` (k, 60) holds what is known of each, `m` what lasts of a step, and
+    The arguments are those of `integrate`; `orbits` (k, 36) holds what is known of each, `m` what lasts of a step, and
     `steps` what has been taken. Returns a status, FULL when there is no more room for steps.
     """
     p = Physics(*physics)  # handed over as a bare tuple, which costs 2 us less
@@ -209,7 +202,7 @@ def march(
             if first:  # how long it may be, the bodies tell
                 h = sign * first_step(w, p, tolerance)
                 continue
-        extrapolation(n, h, h_before, w.extrapolation, w.reach, w.ratio)
+        extrapolation(n, h, h_before, w.product, w.extrapolation)
         for o in range(orbits.shape[0]):  # orbits inside steps: the bodies of a step are fetched once for all
             if sampled:
                 if samples.tide[o] == np.inf:
@@ -237,7 +230,6 @@ def march(
                 break
             h = shorter_step(h, error, limit) if converged else 0.4 * h
             h_before = h_before if converged else 0.0
-            forget_misses(n, w)
             continue
         t, h_before, taken = t_next, h, taken + 1
         h = next_step(h, error, limit)
@@ -269,7 +261,7 @@ def integrate(
     Returns a status (OK, STALLED, TOO_MANY_STEPS, or OFF_GRID if the guide's steps do not suit) and the accepted steps.
     """
     count = 6 + len(columns) if variations else 0
-    lasting, clock, orbits = memory(len(layout), count), np.zeros(4), np.zeros((len(starts), 60))
+    lasting, clock, orbits = memory(len(layout), count), np.zeros(4), np.zeros((len(starts), 36))
     orbits[:, :6] = starts
     expected = len(guide.start) or int(abs(end_s) / USUAL_STEP_S) + 16
     steps, status = make_steps(0 if len(samples.tide) else expected, count), FULL

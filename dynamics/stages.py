@@ -101,60 +101,41 @@ def largest(values: Array) -> float:
 
 
 @inlined_kernel
-def extrapolation(n: int, h: float, h_before: float, E: Array, reach: Array, ratio: Array) -> None:
-    """E[j, i]: Lagrange polynomial j of the last nodes at the new node i; zero after no step.
-
-    The polynomial misses the acceleration at a new node by `reach` (8,) = prod_j (t_i - t_j), s^8, times an eighth
-    derivative / 8!. So the miss of the last step times `ratio` (8,), the reach now over the reach then, is the best
-    guess of the next one (after Everhart 1985, who corrects his predicted coefficients likewise).
-    """
+def extrapolation(n: int, h: float, h_before: float, product: Array, E: Array) -> None:
+    """E[j, i]: Lagrange polynomial j of the last nodes at the new node i; zero after no step; product (8,): scratch."""
     if h_before == 0.0:
         for i in range(64):
             E[i] = 0.0
-        for i in range(8):
-            reach[i], ratio[i] = 0.0, 0.0
         return
-    step, unit = h / h_before, (h_before * h_before) * (h_before * h_before)
-    unit *= unit
+    step = h / h_before
     for i in range(n):
-        x, product = 1.0 + step * NODES[i], 1.0
+        product[i] = 1.0
         for j in range(8):
-            product *= x - NODES[j]
-        ratio[i] = unit * product / reach[i] if reach[i] != 0.0 else 0.0
-        reach[i] = product
+            product[i] *= 1.0 + step * NODES[i] - NODES[j]
     for j in range(8):
         for i in range(n):
-            E[8 * j + i] = reach[i] * BARYCENTRIC[j] / (1.0 + step * NODES[i] - NODES[j])
-    for i in range(n):
-        reach[i] *= unit
+            E[8 * j + i] = product[i] * BARYCENTRIC[j] / (1.0 + step * NODES[i] - NODES[j])
 
 
 @inlined_kernel
-def predict(n: int, E: Array, ratio: Array, before: Array, known: Array, missed: Array, rows: int, out: Array) -> None:
-    """First guess of the accelerations in `rows` rows: those of the last step extrapolated, plus what that missed then.
-
-    `missed` becomes the guess without that correction; `remember` makes of it what was missed this time.
-    """
+def predict(n: int, E: Array, before: Array, known: Array, rows: int, out: Array) -> None:
+    """First guess of `rows` rows of accelerations: those of the guide, and the rest of the last step extrapolated."""
     for r in range(rows):
         k = 8 * r
         a0, a1, a2, a3 = before[k], before[k + 1], before[k + 2], before[k + 3]
         a4, a5, a6, a7 = before[k + 4], before[k + 5], before[k + 6], before[k + 7]
         for i in range(n):
-            guess = known[k + i] + (
+            out[k + i] = known[k + i] + (
                 (a0 * E[i] + a1 * E[8 + i] + a2 * E[16 + i] + a3 * E[24 + i])
                 + (a4 * E[32 + i] + a5 * E[40 + i] + a6 * E[48 + i] + a7 * E[56 + i])
             )
-            out[k + i] = guess + ratio[i] * missed[k + i]
-            missed[k + i] = guess
 
 
 @inlined_kernel
-def remember(n: int, A: Array, known: Array, rows: int, before: Array, missed: Array) -> None:
-    """After a step: what the next one extrapolates, and by how much the extrapolation has missed this one."""
-    for r in range(rows):
-        k = 8 * r
-        for i in range(n):
-            before[k + i], missed[k + i] = A[k + i] - known[k + i], A[k + i] - missed[k + i]
+def remember(n: int, A: Array, known: Array, rows: int, before: Array) -> None:
+    """After a step: what the next one extrapolates."""
+    for i in range(n * rows):
+        before[i] = A[i] - known[i]
 
 
 @inlined_kernel
@@ -198,7 +179,7 @@ def solve_state(n: int, w: Work, p: Physics, h: float) -> tuple[bool, float, flo
     Returns whether they converged, their round-off floor relative to their size (near a perturber the rounding of the
     position is amplified by GM/r^3: without it the step control would chase noise), and their size.
     """
-    predict(n, w.extrapolation, w.ratio, w.before, w.known, w.missed, STATE_ROWS, w.A)
+    predict(n, w.extrapolation, w.before, w.known, STATE_ROWS, w.A)
     last, noise, size, valid_km, x, v = 1e300, 0.0, 1.0, -1.0, w.x, w.v
     # The rounding of position and time, km
     blur = abs(x[0]) + abs(x[1]) + abs(x[2]) + abs(w.t[7]) * (abs(v[0]) + abs(v[1]) + abs(v[2]))
@@ -239,7 +220,7 @@ def solve_variations(n: int, w: Work, p: Physics, columns: Integers, h: float) -
     """Iterate the accelerations w.D of all variation columns to round-off, with the Jacobians where the state is."""
     expanded_jacobian(n, w, p)
     count = 6 + columns.shape[0]
-    predict(n, w.extrapolation, w.ratio, w.D_before, w.D_known, w.D_missed, 3 * count, w.D)
+    predict(n, w.extrapolation, w.D_before, w.D_known, 3 * count, w.D)
     last = 1e300
     for sweep in range(14):
         worst = 0.0
