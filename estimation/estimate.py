@@ -230,6 +230,38 @@ class Estimate:
         moved: Array = gains[source][: len(self.names)] @ np.asarray(error, dtype=np.float64)
         return moved
 
+    def mean_shift(self, means: Mapping[str, float], names: Sequence[str] | None = None) -> Array:
+        """Mean of estimate minus truth (k,) where the errors of common parameters have means of their own.
+
+        Parameters
+        ----------
+        means : parameter name -> mean of truth minus assumed value; a parameter not named has none. Considered,
+            ignored and estimated parameters with a prior.
+        names : k parameters the shift is wanted of, by default all estimated ones; those left out may be among them.
+
+        Raises
+        ------
+        InputError
+            If a parameter has no prior, and so no assumed value to err from, or no error at all.
+
+        Notes
+        -----
+        sum_g M_g mu_g over the groups g; a predicted w = W x is shifted by W mean_shift(means, names of W), the groups
+        in the prediction itself included. Guo, Ivashkin 2018, (3.2), (3.5). Means of errors that are fresh at each
+        measurement: `mean_error.shift`.
+        """
+        found = self._found
+        known = {name for group in found.gain_names.values() for name in group}
+        unknown = [name for name in means if name not in known]
+        if unknown:
+            have = ", ".join(sorted(known)) or "none"
+            raise InputError(f"mean_shift: {unknown[0]!r} has no assumed value to err from; those with one: {have}")
+        moved = np.zeros(len(self.names) + len(self.left_out))
+        for source, M in found.gains.items():
+            moved += M @ np.array([float(means.get(name, 0.0)) for name in found.gain_names[source]])
+        wanted: Array = moved[self._index(self.names if names is None else names)]
+        return wanted
+
     def predict(self, W: Mapping[str, npt.ArrayLike] | npt.ArrayLike, names: Sequence[str] | None = None) -> Prediction:
         """Predict w = W x with its error and the share of each source.
 
