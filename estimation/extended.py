@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from nebosvod.errors import GeometryError, InputError
+from nebosvod.estimation.correlation import Series, worst
 from nebosvod.estimation.problem import LinearProblem
 from nebosvod.estimation.sources import measurement_gain
 from nebosvod.estimation.square_root import conditioning, solve_upper
@@ -86,42 +86,29 @@ def worst_correlation(a: Array, t_s: Array, series: npt.NDArray[np.int64] | None
     Parameters
     ----------
     a : shape (m,), weights times sigma of each scalar measurement.
-    t_s : shape (m,), times, not decreasing within a series.
+    t_s : shape (m,), times.
     series : shape (m,), which series a measurement belongs to; different series stay independent.
 
     Notes
     -----
-    K(tau) = exp(-k |tau|) cos(w |tau| + phi) / cos phi is positive definite iff |tan phi| <= k / w. The variance is
-    linear in tan phi, so its extreme over phi is at the edge: Re Z + (k / w) |Im Z| with
-    Z = sum_{j<i} a_i a_j exp((-k + i w)(t_i - t_j)), a recursion in O(m). (k, w) by grid and simplex.
+    See `correlation`: every frequency is looked at, in steps of 1 / (2 span) up to pi / shortest step of a series, for
+    decays from 1e-4 / span to 10 / shortest step; the highest peaks are climbed exactly. 20 ms for 1000 measurements.
     """
-    from scipy.optimize import minimize  # 0.7 s of import, for this search alone
-
-    weights, times, label = _checked(a, t_s, series)
-    span = max(float(np.ptp(times)), 1e-30)
-    steps = np.diff(np.unique(times))
-    shortest = float(steps.min()) if steps.size else span
-    own = float(np.sum(weights**2))
-
-    def variance(logs: Array) -> float:
-        k, w = np.exp(logs)
-        real, imaginary = _lagged(weights, times, label, k, w)
-        return float(own + 2.0 * (real + (k / w) * abs(imaginary)))
-
-    lo, hi = np.log(0.01 / span), np.log(10.0 / shortest)
-    grid = np.linspace(lo, hi, 25)
-    found = max((variance(np.array([x, y])), x, y) for x in grid for y in grid)
-    polished = minimize(lambda logs: -variance(np.clip(logs, lo, hi)), found[1:], method="Nelder-Mead")
-    best = np.clip(polished.x, lo, hi) if -polished.fun > found[0] else np.array(found[1:])
-    k, w = (float(value) for value in np.exp(best))
-    _, imaginary = _lagged(weights, times, label, k, w)
+    weights, times = np.array(a, dtype=np.float64), np.array(t_s, dtype=np.float64)
+    label = np.zeros(len(weights), dtype=np.int64) if series is None else np.array(series, dtype=np.int64)
+    if weights.ndim != 1 or weights.shape != times.shape or label.shape != times.shape or not weights.size:
+        raise InputError(f"worst_correlation: needs vectors of one length, got {weights.shape}, {times.shape}")
+    white = float(np.linalg.norm(weights))
+    found = Series.of(weights / white if white > 0.0 else weights, times, label)
+    # measurements at one moment are one draw, whatever the decay
+    k, w = worst(found) if found.shortest > 0.0 and white > 0.0 else (1.0, 1.0)
     return WorstCorrelation(
-        sigma=float(np.sqrt(max(variance(best), own))),
-        sigma_white=float(np.sqrt(own)),
+        sigma=white * float(np.sqrt(max(found.variance(k, w), 1.0))),
+        sigma_white=white,
         bound=float(np.abs(weights).sum()),
         decay_per_s=k,
         frequency_rad_per_s=w,
-        phase_rad=float(-np.sign(imaginary) * np.arctan2(k, w)),
+        phase_rad=found.phase(k, w),
     )
 
 
@@ -146,36 +133,6 @@ def worst_prediction(problem: LinearProblem, W: Array, t_s: Array) -> tuple[Wors
     times = np.repeat(np.asarray(t_s, dtype=np.float64), p)
     flat = weights.reshape(n * p, -1)
     return tuple(worst_correlation(flat[:, d], times, series) for d in range(flat.shape[1]))
-
-
-def _checked(a: Array, t_s: Array, series: npt.NDArray[np.int64] | None) -> tuple[Array, Array, npt.NDArray[np.int64]]:
-    """Bring the measurements into one order per series; refuse what is not a series."""
-    weights, times = np.array(a, dtype=np.float64), np.array(t_s, dtype=np.float64)
-    label = np.zeros(len(weights), dtype=np.int64) if series is None else np.array(series, dtype=np.int64)
-    if weights.ndim != 1 or weights.shape != times.shape or label.shape != times.shape or not weights.size:
-        raise InputError(f"worst_correlation: needs vectors of one length, got {weights.shape}, {times.shape}")
-    order = np.lexsort((times, label))
-    return weights[order], times[order], label[order]
-
-
-@njit(cache=True)
-def _lagged(a, t, series, k, w):  # type: ignore[no-untyped-def]
-    """Real and imaginary part of sum_{j<i} a_i a_j exp((-k + i w)(t_i - t_j)) within each series."""
-    real, imaginary = 0.0, 0.0
-    c, s = 0.0, 0.0
-    step, x, y = -1.0, 0.0, 0.0
-    for i in range(len(a)):
-        if i == 0 or series[i] != series[i - 1]:
-            c, s = 0.0, 0.0
-        else:
-            if t[i] - t[i - 1] != step:  # a steady cadence needs one exponential
-                step = t[i] - t[i - 1]
-                damp = np.exp(-k * step)
-                x, y = damp * np.cos(w * step), damp * np.sin(w * step)
-            c, s = (c + a[i - 1]) * x - s * y, (c + a[i - 1]) * y + s * x
-        real += a[i] * c
-        imaginary += a[i] * s
-    return real, imaginary
 
 
 def bias_imitates(problem: LinearProblem, state: str, bias: str) -> Klaus:

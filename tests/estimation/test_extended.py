@@ -68,7 +68,66 @@ def test_the_recursion_equals_the_double_sum_and_the_search_finds_the_worst():
 
 def test_weights_of_one_sign_reach_the_bound_of_full_correlation():
     found = extended.worst_correlation(np.ones(10), np.arange(10.0))
-    assert found.sigma == pytest.approx(found.bound, rel=2e-3)
+    assert found.sigma == pytest.approx(found.bound, rel=1e-4)
+
+
+TIMES = {
+    "steady": np.arange(48.0),
+    "irregular": np.arange(48.0) + np.random.default_rng(2).uniform(-0.4, 0.4, 48),
+    "triplets a night": (np.arange(16.0)[:, None] + [0.0, 0.03, 0.08]).ravel(),
+    "steps of 2 and 3": np.cumsum(np.tile([2.0, 3.0], 24)),
+}
+RHYTHMS = {"random": None, "a day": 2.0 * np.pi, "near a day": 6.0, "an orbit": 2.0 * np.pi / 0.07, "slow": 0.3}
+
+
+def dense_scan(a, t):
+    """Largest a^T K a by the dense matrix of the family, over decays and all frequencies up to pi / shortest step."""
+    span, shortest = np.ptp(t), np.diff(t).min()
+    tau = np.abs(t[:, None] - t[None, :])
+    pairs, largest = np.outer(a, a).ravel(), 0.0
+    frequencies = np.arange(0.1 / span, np.pi / shortest, 0.4 / span)
+    for k in np.geomspace(1e-3 / span, 10.0 / shortest, 6):
+        damped = (pairs * np.exp(-k * tau.ravel())).astype(np.float32)
+        for part in np.array_split(frequencies, 1 + len(frequencies) // 400):
+            phase = np.multiply.outer(part, tau.ravel()).astype(np.float32)
+            values = np.cos(phase) @ damped + np.abs(np.sin(phase) @ damped) * (k / part)
+            largest = max(largest, float(values.max()))
+    return np.sqrt(largest)
+
+
+@pytest.mark.parametrize("times", TIMES)
+@pytest.mark.parametrize("rhythm", RHYTHMS)
+def test_the_worst_correlation_is_that_of_a_dense_scan_of_all_frequencies(times, rhythm):
+    """Peaks are as narrow as 2 pi / span: a coarse grid of frequencies misses a rhythm of the weights."""
+    rng = np.random.default_rng(3)
+    t = TIMES[times]
+    a = rng.normal(size=len(t))
+    if RHYTHMS[rhythm] is not None:
+        a = np.cos(RHYTHMS[rhythm] * t + 1.0) * (1.0 + 0.3 * a)
+    found = extended.worst_correlation(a, t)
+    K = kernel(t, found.decay_per_s, found.frequency_rad_per_s, found.phase_rad)
+    assert np.sqrt(a @ K @ a) == pytest.approx(found.sigma, rel=1e-9)  # it is reached ...
+    assert np.linalg.eigvalsh(K)[0] > -1e-9  # ... by a correlation that exists
+    assert dense_scan(a, t) <= found.sigma * (1.0 + 1e-4)
+
+
+def test_a_rhythm_of_one_series_is_found_among_others_of_other_length_and_order():
+    rng = np.random.default_rng(4)
+    t = np.concatenate([np.arange(0.0, 30.0, 0.25), 100.0 + np.sort(rng.uniform(0.0, 12.0, 40))])
+    a = np.cos(5.1 * t) + 0.3 * rng.normal(size=len(t))
+    series = (t > 60.0).astype(int)
+    order = rng.permutation(len(t))
+    found = extended.worst_correlation(a[order], t[order], series[order])
+    w = np.linspace(0.01, np.pi / 0.25, 4000)
+    each = [np.abs(np.exp(1j * np.outer(w, t[series == i])) @ a[series == i]) ** 2 for i in (0, 1)]
+    assert found.sigma == pytest.approx(np.sqrt(np.max(each[0] + each[1])), rel=2e-3)  # a decay of nothing: |A(w)|
+    assert found.frequency_rad_per_s == pytest.approx(5.1, abs=0.05)
+
+
+def test_measurements_of_one_moment_are_one_draw():
+    found = extended.worst_correlation(np.array([1.0, 2.0, -0.5]), np.full(3, 7.0))
+    assert found.sigma == pytest.approx(2.5, rel=1e-12)
+    assert extended.worst_correlation(np.zeros(4), np.arange(4.0)).sigma == 0.0
 
 
 def test_separate_series_do_not_conspire():

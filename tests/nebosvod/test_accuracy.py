@@ -172,3 +172,41 @@ def test_the_ratio_block_has_means_limits_and_critical_sizes_by_telescope(minima
         assert row["sigma_z_critical_median_km"] == pytest.approx(np.median(mine), rel=1e-4)
         assert row["sigma_z_limit_km"]["20_dB"] == pytest.approx(np.median(mine) / 10.0, rel=1e-4)
         assert row["eta_effective_db_mean"] < row["eta_db_mean"]
+
+
+RHYTHM = """schema_version: 1
+name: rhythm
+reference_epoch: 2029-03-01T00:00:00 TDB
+object:
+  name: (99942) Apophis
+  orbit: {{kind: cometary, frame: ecliptic_j2000, epoch: 2459215.5 JD TDB, e: 0.1915216893501022,
+    q: 0.7458270478466523 au, tp: 2459101.039422462638 JD TDB, node: 204.0389272089208 deg,
+    peri: 126.6520518368553 deg, i: 3.336751320066756 deg}}
+telescopes:
+  - {{name: NEB, orbit: {orbit}, noise: {{sigma: 0.1 arcsec}},
+      bias: {{sigma: 0.05 arcsec, treatment: considered}},
+      position: {{sigma: 3 km, correlation: constant, treatment: considered}}}}
+schedule: [{{start: 2029-03-01T00:00:00 TDB, end: {end} TDB, cadence: {cadence}}}]
+predictions:
+  - {{name: pos0, plane: rtn, at: 2029-03-10T00:00:00 TDB}}
+  - {{name: p2, plane: position, at: 2029-03-01T00:00:00 TDB}}
+"""
+
+
+@pytest.mark.parametrize(
+    ("orbit", "end", "cadence", "wanted"),
+    [
+        # Dense matrices of the family over all frequencies; a coarse grid of frequencies gave 434, 660 and 2787 km.
+        ("{kind: geostationary, longitude: 0 deg}", "2029-04-08", "1 h", {("pos0", 0): 757.0, ("p2", 0): 1075.0}),
+        ("{kind: geocentric, a: 7000 km, i: 98 deg}", "2029-03-15", "17 min", {("pos0", 0): 16343.0}),
+    ],
+)
+def test_the_worst_correlation_finds_the_rhythm_of_a_day_and_of_an_orbit(
+    make_setting: MakeSetting, orbit: str, end: str, cadence: str, wanted: dict[tuple[str, int], float]
+) -> None:
+    text = RHYTHM.format(orbit=orbit, end=f"{end}T00:00:00", cadence=cadence)
+    scene, one, asked = solved(make_setting(load_mission_text(text)))
+    rows = comparison(scene, [one], {one.estimator.name: asked}, {})["rows"]
+    found = {(row["prediction"], row["component"]): row["worst_correlation"] for row in rows}
+    for which, sigma_km in wanted.items():
+        assert found[which] == pytest.approx(sigma_km, rel=3e-3)
