@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from nebosvod.errors import DataError, InputError
+from nebosvod.observation.ccsds_time import SYSTEMS, read_time
 from nebosvod.observation.contracts import Array
 from nebosvod.observation.tabulated import BARYCENTRE, Method, Segment, TabulatedOrbit
 from nebosvod.timescale import Epoch
@@ -20,9 +21,8 @@ CENTRES = {
     "MARS BARYCENTER": "mars",
 }
 FRAMES = ("EME2000", "ICRF", "GCRF")
-# seconds to add to a clock reading to have TT; UTC and TDB are read as such
-ATOMIC = {"TT": 0.0, "TAI": 32.184, "GPS": 51.184}
 LARGEST_BYTES = 200_000_000
+MOST_DEGREES = 99
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -72,7 +72,8 @@ class _Reader:
         self.name, self.number = name, 0
         self.lines = self._meaningful(lines)
         self.epoch: Epoch | None = None
-        self.origin = self.object_name = ""
+        self.object_name = ""
+        self.origins: list[str] = []
         self.segments: list[Segment] = []
         self.covariances: list[OemCovariance] = []
 
@@ -97,13 +98,21 @@ class _Reader:
                 self._close(meta, rows)
                 meta, rows = self._meta(), []
             elif line == "COVARIANCE_START":
+                if not meta:
+                    raise self.wrong("COVARIANCE_START stands before any META_START")
                 self._covariance(meta)
             elif meta:
                 rows.append(self._state(line, meta))
         self._close(meta, rows)
         if self.epoch is None or not self.segments:
             raise self.wrong("no states found")
-        orbit = TabulatedOrbit(source=self.name, epoch=self.epoch, origin=self.origin, segments=tuple(self.segments))
+        orbit = TabulatedOrbit(
+            source=self.name,
+            epoch=self.epoch,
+            origin=self.origins[0],
+            segments=tuple(self.segments),
+            origins=tuple(self.origins) if len(set(self.origins)) > 1 else (),
+        )
         return Oem(object_name=self.object_name, orbit=orbit, covariances=tuple(self.covariances))
 
     def _meta(self) -> dict[str, str]:
@@ -112,27 +121,30 @@ class _Reader:
         for line in self.lines:
             if line == "META_STOP":
                 break
-            key, _, value = line.partition("=")
+            key, equals, value = line.partition("=")
+            if not equals:
+                raise self.wrong(f'expected KEYWORD = value or META_STOP, got "{line[:40]}"')
             meta[key.strip()] = value.strip()
+        else:
+            raise self.wrong("META_STOP is missing")
         for key in ("OBJECT_NAME", "CENTER_NAME", "REF_FRAME", "TIME_SYSTEM", "START_TIME", "STOP_TIME"):
             if key not in meta:
                 raise self.wrong(f"the metadata lack {key}")
         centre = CENTRES.get(meta["CENTER_NAME"].upper())
-        if centre is None or (self.origin and centre != self.origin):
-            raise self.wrong(f"CENTER_NAME {meta['CENTER_NAME']}: one of {', '.join(CENTRES)}, the same throughout")
+        if centre is None:
+            raise self.wrong(f"CENTER_NAME {meta['CENTER_NAME']}: one of {', '.join(CENTRES)} is read")
         if meta["REF_FRAME"].upper() not in FRAMES:
             raise self.wrong(f"REF_FRAME {meta['REF_FRAME']}: one of {', '.join(FRAMES)} is read")
-        if meta["TIME_SYSTEM"].upper() not in ("UTC", "TDB", *ATOMIC):
-            raise self.wrong(f"TIME_SYSTEM {meta['TIME_SYSTEM']}: one of UTC, TDB, {', '.join(ATOMIC)} is read")
-        self.origin, self.object_name = centre, meta["OBJECT_NAME"]
+        if meta["TIME_SYSTEM"].upper() not in SYSTEMS:
+            raise self.wrong(f"TIME_SYSTEM {meta['TIME_SYSTEM']}: one of {', '.join(SYSTEMS)} is read")
+        if self.object_name and meta["OBJECT_NAME"] != self.object_name:
+            raise self.wrong(f"OBJECT_NAME {meta['OBJECT_NAME']}: another object than {self.object_name}")
+        self.object_name = meta["OBJECT_NAME"]
         return meta
 
     def _time(self, text: str, meta: dict[str, str]) -> Epoch:
-        system = meta["TIME_SYSTEM"].upper()
         try:
-            if system in ATOMIC:
-                return Epoch.parse(f"{text} TT") + ATOMIC[system]
-            return Epoch.parse(f"{text} {system}")
+            return read_time(text, meta["TIME_SYSTEM"].upper())
         except InputError as error:
             raise self.wrong(str(error)) from None
 
@@ -162,19 +174,24 @@ class _Reader:
         matrix = np.zeros((6, 6))
         for line in self.lines:
             key, _, value = (part.strip() for part in line.partition("="))
+            if rows and (key in ("EPOCH", "COV_REF_FRAME") or line == "COVARIANCE_STOP"):
+                raise self.wrong(f"{line[:40]}: the covariance before it has {rows} rows, not 6")
             if line == "COVARIANCE_STOP":
                 return
             if key == "EPOCH":
-                epoch, rows = value, 0
+                # each matrix starts afresh: its axes are those of the states unless it says otherwise
+                epoch, frame = value, meta.get("REF_FRAME", "")
             elif key == "COV_REF_FRAME":
                 frame = value
             else:
+                if not epoch:
+                    raise self.wrong("a covariance needs its own EPOCH")
                 matrix[rows, : rows + 1] = self._numbers(line.split(), (rows + 1,))
                 rows += 1
             if rows == 6:
                 full = matrix + np.tril(matrix, -1).T
                 self.covariances.append(OemCovariance(epoch=self._time(epoch, meta), frame=frame, covariance=full))
-                rows = 0
+                epoch, rows, matrix = "", 0, np.zeros((6, 6))
         raise self.wrong("COVARIANCE_STOP is missing")
 
     def _close(self, meta: dict[str, str], rows: list[tuple[float, Array]]) -> None:
@@ -183,8 +200,11 @@ class _Reader:
             return
         if len(rows) < 2:
             raise self.wrong(f"a segment needs at least two states (got {len(rows)})")
-        method: Method = "hermite" if meta.get("INTERPOLATION", "HERMITE").upper() == "HERMITE" else "lagrange"
-        degree = int(self._numbers([meta.get("INTERPOLATION_DEGREE", "7")], (1,))[0])
+        said = meta.get("INTERPOLATION", "HERMITE").upper()
+        method: Method = "hermite" if said == "HERMITE" else "lagrange"
+        degree = int(self._numbers([meta.get("INTERPOLATION_DEGREE", "1" if said == "LINEAR" else "7")], (1,))[0])
+        if not 1 <= degree <= MOST_DEGREES:
+            raise self.wrong(f"INTERPOLATION_DEGREE {degree}: allowed 1 to {MOST_DEGREES}")
         start = meta.get("USEABLE_START_TIME", meta["START_TIME"])
         stop = meta.get("USEABLE_STOP_TIME", meta["STOP_TIME"])
         try:
@@ -199,3 +219,4 @@ class _Reader:
         except InputError as error:
             raise self.wrong(str(error)) from None
         self.segments.append(segment)
+        self.origins.append(CENTRES[meta["CENTER_NAME"].upper()])

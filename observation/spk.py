@@ -1,5 +1,6 @@
-"""Spacecraft from SPK files: types 2 and 3 through jplephem, 9 and 13 by a reader of our own."""
+"""Spacecraft from SPK files: types 2 and 3 through jplephem, 1, 8, 9, 12, 13 and 21 by readers of our own."""
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -7,13 +8,15 @@ import numpy as np
 from jplephem.daf import DAF
 from jplephem.spk import SPK
 
-from nebosvod.errors import CoverageError, DataError
+from nebosvod.errors import CoverageError, DataError, InputError
 from nebosvod.observation.contracts import Array, Ephemeris
-from nebosvod.observation.tabulated import BARYCENTRE, Segment, TabulatedOrbit, central_body
+from nebosvod.observation.difference_lines import LARGEST_TABLE, DifferenceLines
+from nebosvod.observation.tabulated import BARYCENTRE, Segment, TablePiece, TabulatedOrbit, central_body
 from nebosvod.timescale import Epoch
 
 J2000 = Epoch.from_jd(2451545.0)
 FRAME_J2000 = 1
+OF_JPLEPHEM = {2, 3}
 CENTRES = {
     0: BARYCENTRE,
     3: "emb",
@@ -109,25 +112,74 @@ def _read(path: Path, daf: DAF, target: int | None) -> ChebyshevOrbit | Tabulate
     if len(centres) != 1 or not centres <= CENTRES.keys():
         raise DataError(f"{path}: target {target} is about {sorted(centres)}, one of {sorted(CENTRES)} is read")
     origin = CENTRES[centres.pop()]
-    if kinds <= {2, 3}:
+    if kinds <= OF_JPLEPHEM:
         return ChebyshevOrbit(source=path.name, origin=origin, path=path, target=target)
-    if len(kinds) != 1 or not kinds <= {9, 13}:
-        raise DataError(f"{path}: target {target} is of SPK type {sorted(kinds)}; types 2, 3, 9 and 13 are read")
-    segments = tuple(_segment(daf, values, kinds) for values in mine)
+    if not kinds <= READERS.keys():
+        known = "1, 2, 3, 8, 9, 12, 13 and 21"
+        together = " together" if kinds & OF_JPLEPHEM and kinds - OF_JPLEPHEM <= READERS.keys() else ""
+        raise DataError(f"{path}: target {target} is of SPK type {sorted(kinds)}{together}; types {known} are read")
+    try:
+        segments = tuple(READERS[int(values[5])](daf, values) for values in mine)
+    except InputError as error:
+        raise DataError(f"{path}: target {target}: {error}") from None
     return TabulatedOrbit(source=path.name, epoch=J2000, origin=origin, segments=segments)
 
 
-def _segment(daf: DAF, values: tuple[float, ...], kinds: set[int]) -> Segment:
-    """Types 9 and 13: N states, N epochs, a directory, window size less one, N (NAIF SPK Required Reading)."""
+def _words(daf: DAF, values: tuple[float, ...], least: int) -> Array:
+    """All numbers of a segment."""
     first, last = int(values[6]), int(values[7])
-    window, count = (int(number) for number in daf.read_array(last - 1, last))
-    states = daf.read_array(first, first + 6 * count - 1).reshape(count, 6)
-    times = daf.read_array(first + 6 * count, first + 7 * count - 1)
+    if not 1 <= first <= last - least + 1:
+        raise InputError(f"a segment from word {first} to {last} has no room for its numbers")
+    return np.array(daf.read_array(first, last), dtype=np.float64)
+
+
+def _count(words: Array, number: float, per_record: int) -> int:
+    """How many records a segment says it has, if they fit into its numbers."""
+    if not (1 <= number <= words.size / per_record and number == int(number)):
+        raise InputError(f"a segment of {words.size} numbers says it has {number:g} records")
+    return int(number)
+
+
+def _states(daf: DAF, values: tuple[float, ...]) -> Segment:
+    """Types 8, 9, 12, 13: N states; then N epochs and their directory, or first epoch and step; window less one, N."""
+    words, kind = _words(daf, values, 4), int(values[5])
+    equal_steps = kind in (8, 12)
+    count, window = _count(words[: -4 if equal_steps else -2], words[-1], 6 if equal_steps else 7), words[-2] + 1.0
+    if not 2.0 <= window <= 100.0:
+        raise InputError(f"a segment says it interpolates through {window:g} points")
+    times = words[-4] + words[-3] * np.arange(count) if equal_steps else words[6 * count : 7 * count]
     return Segment(
-        t_s=np.array(times, dtype=np.float64),
-        states=np.array(states, dtype=np.float64),
+        t_s=times,
+        states=words[: 6 * count].reshape(count, 6),
         start_s=float(values[0]),
         end_s=float(values[1]),
-        method="hermite" if 13 in kinds else "lagrange",
-        window=window + 1,
+        method="hermite" if kind in (12, 13) else "lagrange",
+        window=int(window),
     )
+
+
+def _differences(daf: DAF, values: tuple[float, ...]) -> DifferenceLines:
+    """Types 1 and 21: N records, the epochs at which they end and a directory; type 21 the size of a table; N."""
+    words = _words(daf, values, 73)
+    size = 15.0 if int(values[5]) == 1 else words[-2]
+    if not (2.0 <= size <= LARGEST_TABLE and size == int(size)):
+        raise InputError(f"difference tables of {size:g} rows (allowed 2 to {LARGEST_TABLE})")
+    width = 4 * int(size) + 11
+    count = _count(words[:-1], words[-1], width + 1)
+    return DifferenceLines(
+        records=words[: count * width].reshape(count, width),
+        end_of_record_s=words[count * width : count * (width + 1)],
+        start_s=float(values[0]),
+        end_s=float(values[1]),
+    )
+
+
+# SPK Required Reading (NAIF): what the numbers of a segment are, by its data type
+READERS: Mapping[int, Callable[[DAF, tuple[float, ...]], TablePiece]] = {
+    1: _differences,
+    8: _states,
+    9: _states,
+    12: _states,
+    13: _states,
+    21: _differences,
+}

@@ -1,7 +1,7 @@
 """Spacecraft whose states come from a table: interpolation inside segments, errors outside of them."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, Protocol
 
 import numpy as np
 
@@ -13,6 +13,18 @@ from nebosvod.timescale import Epoch
 
 Method = Literal["hermite", "lagrange"]
 BARYCENTRE = "barycentre"
+
+
+class TablePiece(Protocol):
+    """One span of a table: what it covers, and states (n, 6) at times (n,) inside of it."""
+
+    @property
+    def start_s(self) -> float: ...
+
+    @property
+    def end_s(self) -> float: ...
+
+    def evaluate(self, t_s: Array) -> Array: ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -78,12 +90,14 @@ class TabulatedOrbit:
     epoch : t = 0 of the segments.
     origin : the body the states are relative to ("earth", "sun", "emb" ...), or "barycentre".
     segments : later ones take precedence where they overlap.
+    origins : of each segment by itself, where they differ.
     """
 
     source: str
     epoch: Epoch
     origin: str
-    segments: tuple[Segment, ...]
+    segments: tuple[TablePiece, ...]
+    origins: tuple[str, ...] = ()
 
     @property
     def centre(self) -> str:
@@ -103,9 +117,10 @@ class TabulatedOrbit:
         for number in np.unique(which):
             mine = which == number
             states[mine] = self.segments[number].evaluate(local[mine])
-        if self.origin == BARYCENTRE:
-            return states
-        return states + ephemeris.state_km_km_s(self.origin, epoch, t_s)
+            origin = self.origins[number] if self.origins else self.origin
+            if origin != BARYCENTRE:
+                states[mine] += ephemeris.state_km_km_s(origin, epoch, t_s[mine])
+        return states
 
     def _choose(self, local: Array) -> Rows:
         """Number of the segment for each time; times may stick out by 1 us, the grain of decades in seconds."""

@@ -1,5 +1,8 @@
 """Spacecraft from tables, SPK and OEM files."""
 
+import re
+import struct
+
 import numpy as np
 import pytest
 from jplephem.spk import SPK
@@ -7,6 +10,7 @@ from scipy.interpolate import BarycentricInterpolator, KroghInterpolator
 
 from nebosvod.errors import CoverageError, DataError, InputError
 from nebosvod.observation import read_oem, read_spk, table
+from nebosvod.observation.ccsds_time import read_time
 from nebosvod.observation.kepler import kepler_state
 from nebosvod.observation.tabulated import Segment
 from nebosvod.timescale import Epoch
@@ -224,9 +228,297 @@ class TestSpk:
         np.testing.assert_allclose(segment.evaluate(t_s)[:1], expected, rtol=1e-12)
         np.testing.assert_allclose(segment.evaluate(segment.t_s[:3]), segment.states[:3], rtol=1e-15)
 
+    @pytest.mark.parametrize("kind", [1, 21, 8, 12])
+    def test_other_types_agree_with_cspice(self, tmp_path, kind):
+        """What Horizons sends (21; formerly 1) and tables of equal steps."""
+        made = difference_file if kind in (1, 21) else equal_step_file
+        orbit = read_spk(made(tmp_path / f"type{kind}.bsp", kind))
+        mine = [row for row in CSPICE_TYPES if row[0] == kind]
+        found = orbit.segments[0].evaluate(np.array([et for _, et, _ in mine]))
+        expected = np.array([state for *_, state in mine])
+        # 4e8 km carry 6e-8 km
+        np.testing.assert_allclose(found[:, :3], expected[:, :3], rtol=0.0, atol=1e-6)
+        np.testing.assert_allclose(found[:, 3:], expected[:, 3:], rtol=0.0, atol=1e-11)
+
+    @pytest.mark.parametrize("kind", [1, 21, 8, 12, 9, 13])
+    def test_a_segment_that_contradicts_itself_is_refused(self, tmp_path, kind):
+        """Counts that do not fit, orders beyond the tables, times that do not ascend: a sentence with the file."""
+        if kind in (1, 21):
+            records, ends = difference_lines(15 if kind == 1 else 20)
+            head, tail = [*records.ravel(), *ends], [4] if kind == 1 else [20, 4]
+        else:
+            head = [*kepler(np.arange(40) * 1800.0).ravel(), *(np.arange(40.0) if kind in (9, 13) else [0.0, 60.0])]
+            tail = [5, 40]
+        for words in ([*head, *tail[:-1], 9e9], [*head, *tail[:-1], np.nan], [*head[:-40], *tail], [*head[1:], *tail]):
+            path = daf(tmp_path / "wrong.bsp", [(0.0, 1e9, -999001, 10, kind, words)])
+            with pytest.raises(DataError, match=r"wrong\.bsp: target -999001: "):
+                read_spk(path)
+
     def test_an_unsupported_type_is_named(self, jwst, tmp_path):
-        with pytest.raises(DataError, match=r"SPK type \[21\]; types 2, 3, 9 and 13 are read"):
-            read_spk(self.retyped(jwst, tmp_path, 21))
+        with pytest.raises(DataError, match=r"SPK type \[10\]; types 1, 2, 3, 8, 9, 12, 13 and 21"):
+            read_spk(self.retyped(jwst, tmp_path, 10))
+
+
+def daf(path, segments):
+    """Write a DAF/SPK file of segments (start, end, target, centre, type, words)."""
+    head = struct.pack("<8sii60siii8s", b"DAF/SPK ", 2, 6, b"test".ljust(60), 2, 2, 0, b"LTL-IEEE").ljust(699, b"\0")
+    head = (head + b"FTPSTR:\r:\n:\r\n:\r\0:\x81:\x10\xce:ENDFTP").ljust(1024, b"\0")
+    summaries, words, free = struct.pack("<3d", 0.0, 0.0, len(segments)), b"", 385
+    for start, end, target, centre, kind, numbers in segments:
+        last = free + len(numbers) - 1
+        summaries += struct.pack("<2d6i", start, end, target, centre, 1, kind, free, last)
+        words, free = words + np.asarray(numbers, dtype="<f8").tobytes(), last + 1
+    path.write_bytes(head + summaries.ljust(1024, b"\0") + b" " * 1024 + words + b"\0" * (-len(words) % 1024))
+    return path
+
+
+def difference_lines(size, count=4):
+    """Made-up difference lines (count, 4 size + 11) of all orders, 4000 s each, and where they end."""
+    rng = np.random.default_rng(size)
+    records, ends = np.zeros((count, 4 * size + 11)), 7.0e8 + 4000.0 * np.arange(1, count + 1)
+    for k, record in enumerate(records):
+        highest = (2, size, size // 2, 3)[k]
+        record[0] = ends[k] - 4000.0
+        record[1 : 1 + size] = (-1.0) ** k * np.cumsum(rng.uniform(2e3, 6e3, size))
+        record[1 + size : 7 + size] = np.ravel(rng.normal(size=(3, 2)) * [1.4e8, 20.0])
+        record[7 + size : 7 + 4 * size] = np.ravel(rng.normal(size=(3, size)) * 6e-6 * 0.3 ** np.arange(size))
+        record[-4:] = highest, highest - 1, max(highest - 2, 0), highest - 1
+    return records, ends
+
+
+def difference_file(path, kind):
+    """An SPK file of type 1 or 21."""
+    size = 15 if kind == 1 else 20
+    records, ends = difference_lines(size)
+    tail = [len(ends)] if kind == 1 else [size, len(ends)]
+    return daf(path, [(ends[0] - 5000.0, ends[-1], -999001, 10, kind, [*records.ravel(), *ends, *tail])])
+
+
+def equal_step_file(path, kind):
+    """An SPK file of type 8 or 12: forty states half an hour apart, six to each polynomial."""
+    states = kepler(np.arange(40) * 1800.0)
+    return daf(path, [(7.0e8, 7.0e8 + 39 * 1800.0, -999001, 399, kind, [*states.ravel(), 7.0e8, 1800.0, 5, 40])])
+
+
+# CSPICE N0067 (spiceypy 8.3.0, spkgeo about the centre) on the very files made above: type, ET, state
+CSPICE_TYPES = [
+    (
+        8,
+        700000300.0,
+        [
+            23005.925124442805,
+            29245.51828333614,
+            7452.523751126023,
+            -2.690806830033873,
+            1.9358039608851765,
+            0.7522431356399327,
+        ],
+    ),
+    (
+        8,
+        700036777.0,
+        [
+            -40063.03091953242,
+            -22228.21614366094,
+            -4276.8323131935385,
+            1.2692775057411378,
+            -2.371649294615918,
+            -0.7970174434993482,
+        ],
+    ),
+    (
+        8,
+        700070195.0,
+        [
+            36466.391678833534,
+            -16925.31577888295,
+            -7372.3149258922085,
+            1.1439305317328519,
+            2.8483170576640573,
+            0.7932236563230153,
+        ],
+    ),
+    (
+        12,
+        700000300.0,
+        [
+            23005.92211267117,
+            29245.549570055788,
+            7452.533421414877,
+            -2.6908131421494863,
+            1.9358024199925892,
+            0.7522430564023627,
+        ],
+    ),
+    (
+        12,
+        700036777.0,
+        [
+            -40063.03034733054,
+            -22228.216089755137,
+            -4276.832332015935,
+            1.26927746100866,
+            -2.3716492319467894,
+            -0.7970174217508782,
+        ],
+    ),
+    (
+        12,
+        700070195.0,
+        [
+            36466.391450537514,
+            -16925.315924503702,
+            -7372.314956009995,
+            1.1439305300263842,
+            2.8483170142669763,
+            0.793223643271187,
+        ],
+    ),
+    (
+        1,
+        699999100.0,
+        [
+            30090976.85702481,
+            195046877.85447776,
+            232477837.11619723,
+            6.591321990239439,
+            10.656880324382392,
+            12.690182830072315,
+        ],
+    ),
+    (
+        1,
+        700001234.5,
+        [
+            30105043.604399726,
+            195069624.96553016,
+            232504909.6799516,
+            6.58904566018319,
+            10.656880324382392,
+            12.676473299590171,
+        ],
+    ),
+    (
+        1,
+        700004000.0,
+        [
+            30123261.53208674,
+            195099096.56806725,
+            232539941.9059913,
+            6.586096402384852,
+            10.656880324382392,
+            12.658710963423214,
+        ],
+    ),
+    (
+        1,
+        700007777.25,
+        [
+            -89297825.56595838,
+            155347463.21616083,
+            -192693849.81479678,
+            -13.723823325757927,
+            -15.145292343037388,
+            15.812129784486299,
+        ],
+    ),
+    (
+        1,
+        700008000.5,
+        [
+            -6750515.518957661,
+            -76793561.79135911,
+            32061348.22030136,
+            -11.477393541169103,
+            8.334754572928238,
+            24.221968997268288,
+        ],
+    ),
+    (
+        1,
+        700016000.0,
+        [
+            3116465.7580416948,
+            230928693.5078887,
+            163259795.85528213,
+            3.414600834860656,
+            -30.732280249547745,
+            5.159806107504654,
+        ],
+    ),
+    (
+        21,
+        699999100.0,
+        [
+            -199849104.7149729,
+            -170298921.94386774,
+            299222444.89294994,
+            24.62124633574145,
+            0.8476356132954423,
+            -51.024655879931956,
+        ],
+    ),
+    (
+        21,
+        700001234.5,
+        [
+            -199796569.89537376,
+            -170297112.66565117,
+            299113534.91810703,
+            24.60322740440911,
+            0.8476356132954423,
+            -51.022638421215106,
+        ],
+    ),
+    (
+        21,
+        700004000.0,
+        [
+            -199728561.9512263,
+            -170294768.52936262,
+            298972435.4258667,
+            24.579881724109466,
+            0.8476356132954423,
+            -51.020024562193576,
+        ],
+    ),
+    (
+        21,
+        700007777.25,
+        [
+            -45142550.30954895,
+            236247032.66917038,
+            65623628.13030533,
+            -25.544027680119015,
+            -12.302279743153834,
+            -5.299862667394641,
+        ],
+    ),
+    (
+        21,
+        700008000.5,
+        [
+            -171148877.46336833,
+            -154481937.63018703,
+            76688205.00003447,
+            -2.768380781561222,
+            31.033062188786435,
+            17.89980860256452,
+        ],
+    ),
+    (
+        21,
+        700016000.0,
+        [
+            76829326.39488494,
+            52578529.467230685,
+            -345700584.4708723,
+            -2.460834508022622,
+            10.454977067108514,
+            -21.506953131031246,
+        ],
+    ),
+]
 
 
 OEM = """CCSDS_OEM_VERS = 2.0
@@ -317,6 +609,72 @@ class TestOem:
     def test_what_cannot_be_used_is_named_with_its_line(self, tmp_path, old, new, words):
         with pytest.raises(InputError, match=words):
             read_oem(self.write(tmp_path, oem_text().replace(old, new)))
+
+    @pytest.mark.parametrize(
+        ("system", "written"),
+        [
+            ("UTC", "2028-11-15T{}.000Z"),
+            ("UTC", "2028-320T{}.000"),
+            ("UTC", "2028-320T{}Z"),
+            ("TDB", "2028-320T{}.0"),
+            ("TAI", "2028-320T{},000"),
+        ],
+    )
+    def test_the_time_codes_of_ccsds_301_are_read(self, tmp_path, system, written):
+        """Day of the year, and the terminator Z: 15 November is day 320 of the leap year 2028."""
+        plain = oem_text().replace("= TDB", f"= {system}")
+        coded = re.sub(r"2028-11-15T(\d\d:\d\d:\d\d)(\.000)?", lambda found: written.format(found[1]), plain)
+        expected, found = (read_oem(self.write(tmp_path, text)).orbit for text in (plain, coded))
+        assert coded != plain
+        assert found.epoch == expected.epoch
+        np.testing.assert_array_equal(found.segments[0].t_s, expected.segments[0].t_s)
+        assert found.segments[0].end_s == expected.segments[0].end_s == pytest.approx(21600.0, abs=1e-5)
+
+    def test_a_leap_second_has_a_day_of_the_year_too(self):
+        assert read_time("2016-366T23:59:60.5Z", "UTC") - read_time("2017-001T00:00:00", "UTC") == pytest.approx(-0.5)
+
+    @pytest.mark.parametrize(
+        ("text", "system", "words"),
+        [
+            ("2028-367T00:00:00", "UTC", "2028 has no day 367"),
+            ("2027-366T00:00:00", "UTC", "2027 has no day 366"),
+            ("2027-000T00:00:00", "UTC", "2027 has no day 000"),
+            ("2028-1-15T00:00:00", "UTC", "allowed 2028|allowed 2024"),
+            ("2028-11-15T00:00:00Z", "TDB", "its Z says UTC, but TIME_SYSTEM says TDB"),
+            ("2028-02-30T00:00:00Z", "UTC", "no such date|does not exist"),
+            ("2028-320T23:59:60Z", "UTC", "no leap second"),
+        ],
+    )
+    def test_a_time_that_is_none_is_refused_in_words(self, text, system, words):
+        with pytest.raises(InputError, match=words):
+            read_time(text, system)
+
+    def test_each_segment_has_its_own_centre_and_time_system(self, tmp_path, ephemeris, epoch):
+        """The same states told from the Sun in TAI after they were told from the Earth in TDB."""
+        head, states = oem_text().split("META_START", 1)
+        second = states.replace("= EARTH", "= SUN").replace("= TDB", "= TAI").replace("2028-11-15", "2028-11-16")
+        orbit = read_oem(self.write(tmp_path, f"{head}META_START{states}META_START{second}")).orbit
+        for start, body in ((0.0, "earth"), (DAY + 32.184, "sun")):
+            t_s = np.array([start + 1.0, start + 1800.0, start + 9000.0])
+            found = orbit.state_km_km_s(ephemeris, epoch, t_s) - ephemeris.state_km_km_s(body, epoch, t_s)
+            # TDB - TT is 1.4 ms in November: 5 m at 3 km/s
+            np.testing.assert_allclose(found[:, :3], kepler(t_s - start)[:, :3], rtol=0.0, atol=0.006)
+
+    def test_each_covariance_starts_afresh(self, tmp_path):
+        """The axes of one matrix say nothing of the next, and each has its own epoch."""
+        triangle = "\n".join(" ".join(["1e-3"] * (k + 1)) for k in range(6))
+        first = f"EPOCH = 2028-320T00:00:00Z\nCOV_REF_FRAME = RTN\n{triangle}\n".replace("Z", "")
+        blocks = f"COVARIANCE_START\n{first}EPOCH = 2028-11-15T01:00:00\n{triangle}\nCOVARIANCE_STOP\n"
+        held = read_oem(self.write(tmp_path, oem_text() + blocks)).covariances
+        assert [one.frame for one in held] == ["RTN", "EME2000"]
+        assert held[1].epoch - held[0].epoch == pytest.approx(3600.0)
+        for wrong, words in (
+            (f"COVARIANCE_START\n{first}{triangle}\nCOVARIANCE_STOP\n", "needs its own EPOCH"),
+            (f"COVARIANCE_START\n{first}EPOCH = 2028-11-15T01:00:00\n1e-3\nCOVARIANCE_STOP\n", "has 1 rows, not 6"),
+            (f"COVARIANCE_START\n{first}", "COVARIANCE_STOP is missing"),
+        ):
+            with pytest.raises(InputError, match=words):
+                read_oem(self.write(tmp_path, oem_text() + wrong))
 
     def test_a_missing_file_is_named(self, tmp_path):
         with pytest.raises(DataError, match=r"absent\.oem"):
