@@ -133,6 +133,7 @@ def parse_yaml(text: str, name: str) -> YamlFile:
         for event in _events(text):
             builder.take(event)
     except yaml.MarkedYAMLError as error:
+        _refuse_what_came_before(error, text, name)
         raise fail(name, _error_mark(error), _explain(error, text)) from None
     except yaml.YAMLError as error:
         raise fail(name, Mark(1, 1), f"not YAML: {shown(str(error))}") from None
@@ -285,6 +286,19 @@ def _decode(name: str, data: bytes) -> str:
 def _place(text: str, offset: int) -> Mark:
     """Line and column of a character offset."""
     return Mark(text.count("\n", 0, offset) + 1, offset - (text.rfind("\n", 0, offset) + 1) + 1)
+
+
+def _refuse_what_came_before(error: yaml.MarkedYAMLError, text: str, name: str) -> None:
+    """Let our own limits speak first: the parser reads ahead and may stop, by a limit of its own, beyond ours."""
+    mark = _error_mark(error)
+    before = text.split("\n")[: mark.line]
+    before[-1] = before[-1][: mark.column - 1]
+    builder = _Builder(name)
+    try:
+        for event in _events("\n".join(before)):
+            builder.take(event)
+    except yaml.YAMLError:
+        return  # cut in the middle, of course
 
 
 def _events(text: str) -> Iterator[yaml.Event]:

