@@ -1,17 +1,19 @@
-# The two commands: `make demo` and `make test`. Both do all the set-up; see README.md.
+# The two commands: `make demo` and `make test`. Both do all the set-up, from the versions that requirements.lock names;
+# see README.md. `make lock` takes newer ones; `make test-newest` and `make test-oldest` try the ends of what is allowed.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
+PIP_INSTALL := -m pip install --quiet --disable-pip-version-check
 
-.PHONY: demo test check lint types format long bench fuzz schema docs wheel smoke clean
+.PHONY: demo test test-newest test-oldest lock check lint types format long bench fuzz schema docs wheel smoke clean
 
-$(STAMP): pyproject.toml
+$(STAMP): pyproject.toml requirements.lock
 	$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "nebosvod needs Python 3.11 or newer, this is " + sys.version.split()[0] + "; try: make PYTHON=python3.12")'
 	mkdir -p build
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --upgrade pip
-	PYTHONWARNINGS='ignore:Editable installation' $(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
+	$(BIN)/python $(PIP_INSTALL) --requirement requirements.lock
+	PYTHONWARNINGS='ignore:Editable installation' $(BIN)/python $(PIP_INSTALL) --no-deps --no-build-isolation --editable .
 	@echo 'compiling the kernels, once (about half a minute)'
 	$(BIN)/nebosvod run minimal -o build/first-run --overwrite > build/first-run.txt
 	touch $(STAMP)
@@ -21,6 +23,22 @@ demo: $(STAMP)
 
 test: $(STAMP)
 	$(BIN)/pytest -m 'not long'
+
+# One command refreshes every version, those of the tables of the Earth's rotation and of the observatories with them.
+lock: $(STAMP)
+	$(BIN)/uv pip compile --quiet --upgrade --universal --python-version 3.11 --extra dev --no-header --output-file requirements.lock pyproject.toml
+
+# The whole suite with the newest versions that pyproject.toml allows, then with the oldest (its floors), each in an
+# environment of its own with a cache of kernels of its own.
+test-newest: $(STAMP)
+	rm -rf build/newest && $(BIN)/uv venv --quiet --python $(BIN)/python build/newest
+	VIRTUAL_ENV=build/newest $(BIN)/uv pip install --quiet --upgrade --editable '.[test]'
+	NUMBA_CACHE_DIR=build/newest/kernels build/newest/bin/pytest -m 'not long' -p no:cacheprovider
+
+test-oldest: $(STAMP)
+	rm -rf build/oldest && $(BIN)/uv venv --quiet --python $(BIN)/python build/oldest
+	VIRTUAL_ENV=build/oldest $(BIN)/uv pip install --quiet --resolution lowest-direct --editable '.[test]'
+	NUMBA_CACHE_DIR=build/oldest/kernels build/oldest/bin/pytest -m 'not long' -p no:cacheprovider
 
 lint: $(STAMP)
 	$(BIN)/ruff check .

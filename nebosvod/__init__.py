@@ -4,12 +4,18 @@ Importing this package loads nothing heavy; `load_mission`, `run` and `Result` c
 """
 
 from importlib import import_module
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from nebosvod.mission import load_mission
     from nebosvod.pipeline import run
     from nebosvod.result import Result
+
+# At the root of a checkout this folder goes before an installed package, and its stages stand beside it, not inside.
+_CHECKOUT = Path(__file__).resolve().parent.parent
+if (_CHECKOUT / "pyproject.toml").is_file() and (_CHECKOUT / "dynamics" / "__init__.py").is_file():
+    __path__.append(str(_CHECKOUT))
 
 __version__ = "0.1.0"
 __all__ = ["Result", "__version__", "load_mission", "run"]

@@ -1,6 +1,8 @@
 """The house: package list, direction of imports, and what the lint cannot hold."""
 
 import ast
+import subprocess
+import sys
 import tomllib
 from pathlib import Path
 
@@ -87,3 +89,13 @@ def test_no_function_is_longer_than_60_lines_of_code() -> None:
                 if length > 60:
                     long.append(f"{path.relative_to(ROOT)}:{node.name} {length}")
     assert not long
+
+
+@pytest.mark.smoke
+def test_import_at_the_root_of_a_checkout_finds_every_stage() -> None:
+    """Nothing of nebosvod is installed there (-S: no .pth of an editable installation), or it is elsewhere."""
+    packages = [path for path in sys.path if path.endswith("site-packages")]
+    script = f"import sys; sys.path += {packages!r}; import nebosvod.dynamics, nebosvod.estimation, nebosvod.scenarios"
+    script += "; import nebosvod.observation; print(nebosvod.dynamics.__file__)"
+    done = subprocess.run([sys.executable, "-S", "-c", script], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.stdout.strip() == str(ROOT / "dynamics" / "__init__.py"), done.stderr

@@ -36,8 +36,10 @@ MARKERS: Mapping[str, tuple[str, float]] = {  # shape, and its size in px for ma
     "o": ("o", 3.0), "s": ("s", 2.6), "^": ("^", 4.2), "v": ("v", 4.2), "D": ("D", 3.4), "P": ("+", 5.0),
     "|": ("|", 10.0), "O": ("o", 5.0), "S": ("s", 4.4),
 }  # fmt: skip
-# many small dots are lines without length and their caps: half as heavy, and they keep their size when enlarged
+# many small dots are lines hardly longer than their caps: half as heavy, and they keep their size when enlarged; not
+# quite without length, since a square cap of a line without direction is left out by PDF readers (Poppler)
 CAPS = {"o": "round", "s": "projecting"}
+DASH = 0.02  # px
 LINE_NAMES = {"stroke": "color", "stroke_width": "linewidth", "opacity": "alpha"}
 AREA_NAMES = {"stroke": "edgecolor", "stroke_width": "linewidth", "opacity": "alpha"}
 
@@ -70,7 +72,8 @@ class Chart:
     def markers(self, x: Array, y: Array, marker: str, look: Mapping[str, Any], **more: Any) -> None:
         """Add markers at pixels; see `CAPS`."""
         if marker in CAPS and not look.get("hollow"):
-            x, y = (np.stack([one, one, np.full(len(one), np.nan)], axis=1).ravel() for one in (x, y))
+            gap = np.full(len(x), np.nan)
+            x, y = np.stack([x, x + DASH, gap], axis=1).ravel(), np.stack([y, y, gap], axis=1).ravel()
         self.stroke(x, y, marker_look(marker, **look), **more)
 
     def area(self, x: Any, y: Any, *, tip: str = "", **look: Any) -> None:

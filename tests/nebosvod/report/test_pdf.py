@@ -1,12 +1,19 @@
 """report.pdf: printed by a browser that is there, refused with advice where none is."""
 
 import re
+import shutil
+import subprocess
 from pathlib import Path
 
+import numpy as np
 import pytest
+from markupsafe import Markup
+from matplotlib.image import imread
+from scipy import ndimage
 
 from nebosvod.errors import OutputError
 from nebosvod.report import pdf
+from nebosvod.report.chart import MARKERS, Chart
 from nebosvod.report.page import make_report
 
 
@@ -28,6 +35,22 @@ def test_page_is_printed_on_several_a4_sheets_with_text_that_stays_text(page: Pa
     assert {(round(float(w) / 72 * 25.4), round(float(h) / 72 * 25.4)) for w, h in boxes} == {(210, 297)}
     assert b"/ToUnicode" in found
     assert sorted(path.name for path in page.parent.iterdir()) == ["report.html", "report.pdf"]
+
+
+@pytest.mark.skipif(pdf.browser() is None or not shutil.which("pdftoppm"), reason="needs Chromium and poppler-utils")
+def test_marks_of_every_shape_are_seen_by_another_reader_of_pdf(tmp_path: Path) -> None:
+    """Poppler draws what Chromium printed: 12 marks of each shape are 12 spots. Square dots had been missing there."""
+    chart = Chart("marks")
+    for row, marker in enumerate(MARKERS):
+        chart.markers(np.arange(12) * 30.0 + 20.0, np.full(12, 20.0 + 25.0 * row), marker, {"color": "#d00000"})
+    page, sheet = tmp_path / "marks.html", chart.plate("marks", Markup(""))
+    page.write_text(f"<!doctype html><body>{sheet.svg}", "utf-8")
+    pdf.print_pdf(page, tmp_path / "marks.pdf")
+    command = ["pdftoppm", "-r", "150", "-png", "-singlefile", str(tmp_path / "marks.pdf"), str(tmp_path / "marks")]
+    subprocess.run(command, check=True, capture_output=True)
+    picture = imread(tmp_path / "marks.png")
+    red = (picture[..., 0] > 0.6) & (picture[..., 1] < 0.6) & (picture[..., 2] < 0.6)
+    assert ndimage.label(red, np.ones((3, 3)))[1] == 12 * len(MARKERS)
 
 
 def test_without_a_browser_the_message_says_what_to_do(page: Path, monkeypatch: pytest.MonkeyPatch) -> None:
