@@ -297,7 +297,12 @@ def schema(of_fit: bool) -> int:
 @app.command(short_help="Fit an orbit to real observations.")
 @click.argument("files", nargs=-1, metavar="FILE...")
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="Run folder [default: ./<name>-fit].")
-@click.option("--object", "designation", help="Any designation of the object to fit, where files hold several.")
+@click.option(
+    "--object",
+    "designations",
+    multiple=True,
+    help="Any designation of the object to fit, where files hold several; again for each name that is to be joined.",
+)
 @click.option("--from", "since", help="Leave out earlier observations: a date, UTC.")
 @click.option("--to", "until", help="Leave out observations at this date, UTC, and later.")
 @click.option("--split", is_flag=True, help="Fit every object of the files by itself, a folder for each.")
@@ -309,7 +314,7 @@ def schema(of_fit: bool) -> int:
 def fit(
     files: tuple[str, ...],
     output: Path | None,
-    designation: str | None,
+    designations: tuple[str, ...],
     since: str | None,
     until: str | None,
     split: bool,
@@ -327,7 +332,7 @@ def fit(
     """
     from nebosvod.fit.command import fit_every, fit_one, resolved
 
-    mission = resolved(files, designation, since, until)
+    mission = resolved(files, designations, since, until)
     folder = output if output is not None else Path(f"{mission.slug}-fit")
     run_all = fit_every if split else fit_one
     return EXIT_QUALITY if run_all(mission, folder, overwrite, as_json, export, _progress()) else 0

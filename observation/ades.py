@@ -4,6 +4,7 @@ Reading: text -> `Cells` (columns of text, format checked) -> `Astrometry` (numb
 """
 
 import re
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from types import MappingProxyType
 
@@ -18,14 +19,15 @@ from nebosvod.observation.ades_write import Residuals, write_psv, write_xml
 from nebosvod.observation.ades_xml import xml_cells
 from nebosvod.observation.contracts import Array
 from nebosvod.observation.designations import (
+    NO_SATELLITES,
     OWN_NAME,
     Designation,
-    canonical_number,
+    combined,
+    from_text,
+    is_satellite,
     kind,
-    numbers_of,
-    other_names,
-    unpacked,
 )
+from nebosvod.observation.object_names import exercises, names_of, other_names
 from nebosvod.observation.records import Astrometry, Texts, told, without_repeats
 from nebosvod.observation.source_file import read_source
 from nebosvod.observation.universal_time import FIRST_YEAR, LAST_YEAR, month_days, tdb_times
@@ -86,6 +88,8 @@ def to_astrometry(cells: Cells) -> Astrometry:
         utc=np.array(cells.text("obsTime")),
         psi=psi,
         precision_rad=worth * ARCSEC_RAD,
+        written_rad=_last_digits(cells, psi),
+        written_s=_last_digit(text.removesuffix("Z").rpartition(":")[2] for text in cells.text("obsTime")),
         sigma_rad=sigma,
         correlation=correlation,
         timing_sigma_s=np.where(np.isnan(timing).all(axis=0), np.nan, np.sqrt(np.nansum(timing**2, axis=0))),
@@ -127,7 +131,6 @@ def _observed(cells: Cells) -> tuple[Cells, dict[str, int]]:
 
 def _designations(cells: Cells) -> tuple[Texts, dict[str, tuple[str, ...]], tuple[str, ...]]:
     """The name of each record's object (number, else provisional, else the observer's own), other names, notices."""
-    notices: tuple[str, ...] = ()
     found: dict[tuple[str, str, str], Designation | None] = {}
     named = []
     own = [first or second for first, second in zip(cells.text("trkSub"), cells.text("artSat"))]
@@ -136,26 +139,36 @@ def _designations(cells: Cells) -> tuple[Texts, dict[str, tuple[str, ...]], tupl
             found[key] = _designation(*key)
         one = found[key]
         if one is None:
-            name = next(name for name, text in zip(("permID", "provID", "trkSub"), (*key[:2], "-")) if text)
-            cells.wrong(row, name, 'is no designation; allowed such as permID "3666", provID "1979 HP", trkSub "B853"')
+            _no_designation(cells, row, key)
         named.append(one or Designation())
-    numbers = numbers_of(named)
-    names = [one.number or numbers.get(one.provisional, "") or one.name for one in named]
-    if any(one and ((key[0] and not one.number) or kind(key[1]) == "number") for key, one in found.items()):
-        notices = (
-            f"{cells.source.name}: permID and provID are exchanged in some records; each was read as what it is",
-        )
-    return np.array(names), other_names(one for one in found.values() if one), notices
+    known = {key: one for key, one in found.items() if one}
+    return np.array(names_of(named)), other_names(known.values()), _about_names(cells.source.name, known)
+
+
+def _about_names(file: str, found: Mapping[tuple[str, str, str], Designation]) -> tuple[str, ...]:
+    """What a user should know about the names in a file."""
+    exchanged = any((key[0] and not one.number) or kind(key[1]) == "number" for key, one in found.items())
+    notices = [f"{file}: permID and provID are exchanged in some records; each was read as what it is"] * exchanged
+    return (*notices, *exercises(file, found.values()))
 
 
 def _designation(permanent: str, provisional: str, own: str) -> Designation | None:
     """The designation of one record by what the texts are, whichever column they stand in; None if they are nothing."""
-    texts = [text if kind(text) else unpacked(text) for text in (provisional, permanent) if text]
-    kinds = {kind(text): text for text in texts}
-    if "" in kinds or not (kinds or own) or not OWN_NAME.fullmatch(own or "-"):
+    parts = [from_text(text) for text in (permanent, provisional) if text]
+    known = [one for one in parts if one is not None]
+    if len(known) < len(parts) or not (parts or own) or not OWN_NAME.fullmatch(own or "-"):
         return None
-    number = canonical_number(kinds["number"]) if "number" in kinds else ""
-    return Designation(number=number, provisional=kinds.get("provisional", ""), own=own)
+    return combined([*known, Designation(own=own)])
+
+
+def _no_designation(cells: Cells, row: int, key: tuple[str, str, str]) -> None:
+    """Note which text of a record is no designation, and why."""
+    for name, text in zip(("permID", "provID", "trkSub"), key):
+        if text and is_satellite(text):
+            cells.wrong(row, name, NO_SATELLITES)
+            return
+    name = next((name for name, text in zip(("permID", "provID"), key) if text and from_text(text) is None), "trkSub")
+    cells.wrong(row, name, 'is no designation; allowed such as permID "3666", provID "1979 HP", trkSub "B853"')
 
 
 def _stations(cells: Cells) -> Texts:
@@ -226,6 +239,18 @@ def _directions(cells: Cells) -> Array:
         ],
         axis=1,
     )
+
+
+def _last_digits(cells: Cells, psi: Array) -> Array:
+    """What the last digits of RA cos Dec and Dec are worth (n, 2), rad; nan of an occulted star."""
+    worth = np.radians(np.stack([_last_digit(cells.text(name)) for name in ("ra", "dec")], axis=1))
+    worth[:, 0] *= np.cos(psi[:, 1])
+    return worth
+
+
+def _last_digit(texts: Iterable[str]) -> Array:
+    """What the last digit of each decimal number is worth; nan where there is none."""
+    return np.array([10.0 ** -len(text.partition(".")[2]) if text else np.nan for text in texts])
 
 
 def _uncertainties(cells: Cells) -> tuple[Array, Array]:

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from nebosvod.errors import InputError
 from nebosvod.observation.contracts import Array
@@ -106,7 +107,7 @@ def _next_row(weights: list[Array], f: list[Array], c: list[Array], count: int, 
         weights[j + level] = f[j + 1] * weights[j + level - 1] - c[j] * weights[j + level]
 
 
-def _sums(differences: Array, orders: Array, weights: list[Array], level: int) -> Array:
+def _sums(differences: Array, orders: npt.NDArray[np.int64], weights: list[Array], level: int) -> Array:
     """Sum over the differences of each axis, (n, 3); the smallest, of highest order, first."""
     sums = np.zeros((weights[0].size, 3))
     for axis in range(3):

@@ -6,6 +6,7 @@ parsed as columns of one byte matrix, never one by one: nine thousand take a ten
 
 import re
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 
@@ -13,15 +14,18 @@ import numpy as np
 
 from nebosvod.observation import mpc80_codes, obscodes
 from nebosvod.observation.contracts import Array
-from nebosvod.observation.designations import Designation, from_columns, numbers_of, other_names
+from nebosvod.observation.designations import NO_SATELLITES, Designation, from_columns, is_satellite
+from nebosvod.observation.earth_orientation import table_span
 from nebosvod.observation.mpc80_columns import BLANK, MINUS, PLUS, decimals, distinct, integer, sexagesimal
 from nebosvod.observation.mpc80_lines import RecordLines, record_lines
 from nebosvod.observation.mpc80_places import positions
+from nebosvod.observation.object_names import exercises, names_of, other_names
 from nebosvod.observation.records import Astrometry, Rows, Texts, told, without_repeats
 from nebosvod.observation.source_file import SourceFile, read_source
 from nebosvod.observation.universal_time import FIRST_YEAR, LAST_YEAR, iso, month_days, tdb_times
 from nebosvod.timescale import Epoch
 
+MOST_LETTERS = 2  # of a comet's fragment
 MAGNITUDE = re.compile(r" *[+-]?([0-9]+\.?[0-9]*|\.[0-9]+) *")
 
 
@@ -47,7 +51,7 @@ def parse(source: SourceFile) -> Astrometry:
         raise source.error(1, f"no observations in this file{f' ({counts} left out)' if counts else ''}")
     head = records.head
     station = _stations(records)
-    designations, which_designation = _designations(records)
+    designations, which_designation, dropped = _designations(records)
     called = other_names(designations)
     psi, precision = _directions(records)
     times = _times(records)
@@ -64,12 +68,14 @@ def parse(source: SourceFile) -> Astrometry:
         epoch=epoch,
         path=np.full(n, source.name),
         line=records.line[records.first],
-        designation=np.array([one.name for one in designations])[which_designation],
+        designation=np.array(names_of(designations))[which_designation],
         station=station,
         t_s=t_s,
         utc=utc,
         psi=psi,
         precision_rad=precision,
+        written_rad=precision,
+        written_s=times.worth_s,
         sigma_rad=np.full((n, 2), np.nan),
         correlation=np.zeros(n),
         timing_sigma_s=np.full(n, np.nan),
@@ -83,7 +89,7 @@ def parse(source: SourceFile) -> Astrometry:
         band=band,
         discovery=head[:, 12] == ord("*"),
         left_out=MappingProxyType(left_out),
-        notices=tuple(told(reason, number) for reason, number in left_out.items()),
+        notices=(*dropped, *(told(reason, number) for reason, number in left_out.items())),
         other_names=MappingProxyType(called),
     )
     return without_repeats(table)
@@ -98,26 +104,30 @@ def _stations(records: RecordLines) -> Texts:
     return np.array(codes)[which]
 
 
-def _designations(records: RecordLines) -> tuple[list[Designation], Rows]:
-    """The different designations, and which each record has; a provisional one whose number is known becomes it."""
+def _designations(records: RecordLines) -> tuple[list[Designation], Rows, list[str]]:
+    """The different designations, which each record has, and notices of what of them was not used."""
     columns, which = distinct(records.head[:, 0:12])
-    found = []
+    this_year = int(table_span()[1].iso("utc")[:4])  # the tables of the Earth's rotation end a year ahead at most
+    found, notices = [], []
     for k, text in enumerate(columns):
-        designation = from_columns(text)
+        designation = from_columns(text, this_year)
         if designation is None:
-            records.wrong(
-                which == k,
-                lambda _, text=text: (  # type: ignore[misc]
-                    f'columns 1-12: "{text}" is no designation; allowed: a packed number in 1-5, a packed provisional '
-                    "designation or a name of up to seven letters in 6-12"
-                ),
-            )
+            records.wrong(which == k, partial(_no_designation, text))
+        elif designation == Designation(number=designation.number) and len(text[5:].strip()) > MOST_LETTERS:
+            told_as = f'"{text}" was read as {designation.number}'
+            notices.append(f"{records.source.name}: {told_as}: what follows the number is of a year to come")
         found.append(designation or Designation())
-    numbers = numbers_of(found)
-    return [
-        Designation(number=one.number or numbers.get(one.provisional, ""), provisional=one.provisional, own=one.own)
-        for one in found
-    ], which
+    return found, which, [*notices, *exercises(records.source.name, found)]
+
+
+def _no_designation(text: str, _: str) -> str:
+    """What is wrong with columns 1-12."""
+    if is_satellite(text):
+        return f'columns 1-12: "{text}" {NO_SATELLITES}'
+    return (
+        f'columns 1-12: "{text}" is no designation; allowed: a packed number in 1-5, a packed provisional '
+        "designation or a name of up to seven letters in 6-12"
+    )
 
 
 def _directions(records: RecordLines) -> tuple[Array, Array]:
@@ -152,12 +162,13 @@ def _why(text: str, form: str, most: str) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Times:
-    """Calendar days with decimals."""
+    """Calendar days with decimals; `worth_s` is what the last digit is worth."""
 
     year: Rows
     month: Rows
     day: Rows
     fraction: Array
+    worth_s: Array
 
     def tdb(self) -> tuple[Epoch, Array, Texts]:
         second = self.fraction * 86400.0
@@ -186,7 +197,13 @@ def _times(records: RecordLines) -> _Times:
         right & there & ~covered,
         lambda line: f'date (columns 16-32) "{line[15:32]}": allowed {FIRST_YEAR} to {LAST_YEAR}',
     )
-    return _Times(year=year, month=month, day=day, fraction=fraction)
+    return _Times(
+        year=year,
+        month=month,
+        day=day,
+        fraction=fraction,
+        worth_s=np.asarray(86400.0 * 10.0**-digits, dtype=np.float64),
+    )
 
 
 def _magnitudes(records: RecordLines) -> tuple[Array, Texts]:

@@ -28,6 +28,7 @@ from nebosvod.timescale import Epoch
 LARGEST_PHASE = 0.5  # of an orbit, rad, over which two positions give the velocity
 LARGEST_GAP_S = 86400.0
 SAME_TIME_S = 1e-5
+LEAST_GAP_S = 1.0  # places are written to a kilometre at worst: closer ones tell no velocity
 LISTED = 5
 ORIGINS = {"ssb": "barycentre"}
 
@@ -90,7 +91,7 @@ def telescopes(
     for code in np.unique(station[floating]):
         mine = np.flatnonzero(floating & (station == code))
         states[mine], velocity_known[mine] = _floating_states(astrometry, mine, ephemeris)
-    name = _names(station, t_s, states)
+    name = _names(astrometry, states)
     return Observers(
         epoch=epoch,
         t_s=t_s,
@@ -177,7 +178,7 @@ def velocities(t_s: Array, place_km: Array, gm_km3_s2: float) -> tuple[Array, Fl
         other = np.where(inside, other, 0)
         dt = np.where(inside, t[other] - t, 0.0)
         gap = np.abs(dt)
-        good = (gap > SAME_TIME_S) & (gap < LARGEST_GAP_S) & (gap * rate < LARGEST_PHASE) & (gap < best)
+        good = (gap > LEAST_GAP_S) & (gap < LARGEST_GAP_S) & (gap * rate < LARGEST_PHASE) & (gap < best)
         step = np.where(good, dt, 1.0)[:, None]
         found = (r[other] - r) / step - step * (2.0 * fall + fall[other]) / 6.0
         velocity[order[good]] = found[good]
@@ -186,10 +187,16 @@ def velocities(t_s: Array, place_km: Array, gm_km3_s2: float) -> tuple[Array, Fl
     return velocity, known
 
 
-def _names(station: Texts, t_s: Array, states: Array) -> Texts:
-    """Names of telescopes (n,): the station; with a number where a station was in several places at one time."""
+def _names(astrometry: Astrometry, states: Array) -> Texts:
+    """Names of telescopes (n,): the station; with a number where it was in several places at one time.
+
+    Only observers on the ground, and derived positions, can be several under one code. A spacecraft is one, also where
+    its place is written twice with other digits or by another orbit.
+    """
+    station, t_s = astrometry.station, astrometry.t_s
     order = np.lexsort((t_s, station))
-    same = (station[order][1:] == station[order][:-1]) & (np.diff(t_s[order]) < SAME_TIME_S)
+    many = astrometry.roving | np.isin(station, list(obscodes.ROVING | obscodes.OCCULTATION))
+    same = (station[order][1:] == station[order][:-1]) & (np.diff(t_s[order]) < SAME_TIME_S) & many[order][1:]
     apart = np.linalg.norm(np.diff(states[order, :3], axis=0), axis=1) > 1e-3
     if not np.any(same & apart):
         return station

@@ -11,8 +11,10 @@ import numpy as np
 import numpy.typing as npt
 
 from nebosvod.errors import InputError
+from nebosvod.observation import repeats
 from nebosvod.observation.contracts import Array
-from nebosvod.observation.designations import merged, numbered, readings
+from nebosvod.observation.designations import kind, stem_of
+from nebosvod.observation.object_names import merged, readings, united
 from nebosvod.timescale import Epoch
 
 Texts = npt.NDArray[np.str_]
@@ -45,6 +47,8 @@ class Astrometry:
     position_covariance_km2 : (n, 3, 3) its stated covariance on the same axes; nan where none is stated.
     roving : (n,) whether the observer stood at `position_km` on the turning Earth.
     precision_rad : (n, 2) what one step of the last digit written is worth in RA cos Dec and Dec; nan where unknown.
+    written_rad, written_s : (n, 2) and (n,) what the last digit in the file is worth, which may be finer than
+        that of the measurement; nan where unknown.
     magnitude, band : (n,) stated magnitude, nan where none, and its band.
     discovery : (n,) whether the record carries the discovery mark.
     left_out : how many records of the files were not read, by reason ("radar", "deleted", ...).
@@ -73,13 +77,16 @@ class Astrometry:
     band: Texts
     discovery: Flags
     precision_rad: Array = field(default_factory=lambda: np.empty((0, 2)))
+    written_rad: Array = field(default_factory=lambda: np.empty((0, 2)))
+    written_s: Array = field(default_factory=lambda: np.empty(0))
     left_out: Mapping[str, int] = field(default_factory=lambda: MappingProxyType({}))
     notices: tuple[str, ...] = ()
     other_names: Mapping[str, tuple[str, ...]] = field(default_factory=lambda: MappingProxyType({}))
 
     def __post_init__(self) -> None:
-        if len(self.precision_rad) != len(self.t_s):
-            object.__setattr__(self, "precision_rad", np.full((len(self.t_s), 2), np.nan))
+        for name, shape in (("precision_rad", (2,)), ("written_rad", (2,)), ("written_s", ())):
+            if len(getattr(self, name)) != len(self.t_s):
+                object.__setattr__(self, name, np.full((len(self.t_s), *shape), np.nan))
 
     def __len__(self) -> int:
         """Number of observations."""
@@ -99,21 +106,45 @@ class Astrometry:
         """The observations of these rows, in that order; counts and notices stay."""
         return replace(self, **{name: getattr(self, name)[rows] for name in ROW_FIELDS})
 
-    def of(self, designation: str) -> "Astrometry":
+    def of(self, *designations: str) -> "Astrometry":
         """The observations of one object, by any of its designations in these files, packed or not.
+
+        Several designations are those of one object, which the files do not know to be one: all of it bears the first.
 
         Raises
         ------
         InputError
-            If there are none, or the name has been given to several objects.
+            If there are none by one of the names, or a name has been given to several objects.
         """
+        found = list(dict.fromkeys(self._called(text) for text in designations))
+        mine = self.select(np.isin(self.designation, found))
+        if len(found) == 1:
+            return mine
+        notice = f"observations of {' and '.join(found)} were joined as those of one object, {found[0]}"
+        called = {other: tuple(found[:1]) for other in found[1:]} | {
+            other: tuple(dict.fromkeys(found[0] if name in found else name for name in names))
+            for other, names in self.other_names.items()
+        }
+        joint = replace(
+            mine,
+            designation=np.full(len(mine), found[0]),
+            other_names=MappingProxyType(called),
+            notices=(*mine.notices, notice),
+        )
+        return without_repeats(joint)
+
+    def _called(self, designation: str) -> str:
+        """The name by which these records call an object of this designation."""
         there = dict.fromkeys(self.objects)
+        stems = {stem_of(name): name for name in there if kind(name) == "provisional"}
         for text in readings(designation):
             names = (text,) if text in there else tuple(n for n in self.other_names.get(text, ()) if n in there)
+            if not names and kind(text) == "provisional" and stem_of(text) in stems:
+                names = (stems[stem_of(text)],)
             if len(names) > 1:
                 raise InputError(f"{designation} is the name of several objects here ({', '.join(names)}); name one")
             if names:
-                return self.select(self.designation == names[0])
+                return names[0]
         listed = ", ".join(self._named(name) for name in list(there)[:LISTED]) + (
             ", ..." if len(there) > LISTED else ""
         )
@@ -151,6 +182,10 @@ class Astrometry:
         counts = {**self.left_out, "date": int((~keep).sum())}
         return replace(self.select(keep), left_out=MappingProxyType(counts), notices=(*self.notices, notice))
 
+    def place(self, row: int) -> str:
+        """File and line of a record."""
+        return f"{self.path[row]}:{self.line[row]}"
+
     def by_time(self) -> "Astrometry":
         """The same observations by time, those of one time in their order."""
         return self.select(np.argsort(self.t_s, kind="stable"))
@@ -183,7 +218,7 @@ def joined(parts: Sequence[Astrometry]) -> Astrometry:
     notices = tuple(dict.fromkeys(notice for part in parts for notice in part.notices))
     called = merged(part.other_names for part in parts)
     names, which = np.unique(rows["designation"], return_inverse=True)
-    rows["designation"] = np.array([numbered(name, called) for name in names.tolist()])[which]
+    rows["designation"] = np.array(united(names.tolist(), called))[which]
     return without_repeats(
         Astrometry(
             epoch=epoch,
@@ -202,6 +237,7 @@ LEFT_OUT = {
     "offset": "{} {} left out: offsets from a planet",
     "date": "{} {} left out by date: {}",
     "duplicate": "{} {} left out: the same as another one (second at {})",
+    "again": "{} {} left out: the same observation in another file, equal within the coarser last digit ({})",
 }
 
 
@@ -213,23 +249,43 @@ def told(reason: str, number: int, where: str = "") -> str:
 def without_repeats(table: Astrometry) -> Astrometry:
     """The observations with repeated ones kept once, their number in `left_out` and a notice with their lines.
 
-    Repeated is what agrees in object, observatory, time, direction and observer's position.
+    Repeated is what agrees in object, observatory, time, direction and observer's position, or what two files, or two
+    formats, say of one observation: equal within the coarser last digit. Of those the record that states its sigma is
+    kept, else the one with more digits.
     """
-    key = np.column_stack(
-        [
-            *(np.unique(names, return_inverse=True)[1] for names in (table.designation, table.station)),
-            table.t_s,
-            table.psi,
-            np.nan_to_num(table.position_km),
-        ]
+    twice = repeats.equal(_as_written(table))
+    if twice.size:
+        lines = ", ".join(table.place(row) for row in twice[:5].tolist())
+        notice = told("duplicate", twice.size, lines + (" and elsewhere" if twice.size > 5 else ""))
+        table = _without(table, twice.tolist(), notice)
+    across = repeats.alike(_as_written(table))
+    if across:
+        lines = ", ".join(f"{table.place(out)} as {table.place(kept)}" for out, kept in across[:5])
+        notice = told("again", len(across), lines + (" and elsewhere" if len(across) > 5 else ""))
+        table = _without(table, [out for out, _ in across], notice)
+    return table
+
+
+def _as_written(table: Astrometry) -> repeats.Written:
+    """What tells whether records are the same; those that state a sigma are worth more, then those with more digits."""
+    whose = [np.unique(names, return_inverse=True)[1] for names in (table.designation, table.station)]
+    coarse = np.nan_to_num(np.column_stack([table.written_s, table.written_rad]), nan=1.0)
+    return repeats.Written(
+        whose=whose[0] * (whose[1].max(initial=0) + 1) + whose[1],
+        path=table.path,
+        t_s=table.t_s,
+        psi=table.psi,
+        place_km=table.position_km,
+        centre=table.centre,
+        step_s=table.written_s,
+        step_rad=table.written_rad,
+        worth=1e3 * np.isfinite(table.sigma_rad[:, 0]) - np.log10(np.maximum(coarse, 1e-15)).sum(axis=1),
     )
-    order = np.lexsort(key.T)  # stable: of equal ones the first in the file comes first
-    repeated = np.sort(order[1:][(key[order[1:]] == key[order[:-1]]).all(axis=1)])
-    if not repeated.size:
-        return table
-    lines = ", ".join(f"{table.path[row]}:{table.line[row]}" for row in repeated[:5].tolist())
-    notice = told("duplicate", repeated.size, lines + (" and elsewhere" if repeated.size > 5 else ""))
+
+
+def _without(table: Astrometry, rows: list[int], notice: str) -> Astrometry:
+    """The observations without some, counted as repeated, with a notice."""
     keep = np.ones(len(table), dtype=np.bool_)
-    keep[repeated] = False
-    counts = {**table.left_out, "duplicate": table.left_out.get("duplicate", 0) + repeated.size}
+    keep[rows] = False
+    counts = {**table.left_out, "duplicate": table.left_out.get("duplicate", 0) + len(rows)}
     return replace(table.select(keep), left_out=MappingProxyType(counts), notices=(*table.notices, notice))

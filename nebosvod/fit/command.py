@@ -19,12 +19,13 @@ SETTINGS = (".yaml", ".yml")
 
 
 def resolved(
-    files: Sequence[str], designation: str | None, since: str | None = None, until: str | None = None
+    files: Sequence[str], designations: Sequence[str] = (), since: str | None = None, until: str | None = None
 ) -> FitMission:
     """The fit of a settings file, or of plain files of observations; what the command line says comes first.
 
     Parameters
     ----------
+    designations : of the one object to fit.
     since, until : dates of the first observation used, and of the first one after those.
 
     Raises
@@ -35,10 +36,10 @@ def resolved(
     settings = [file for file in files if Path(file).suffix in SETTINGS]
     if settings and len(files) > 1:
         raise InputError(f"{settings[0]}: is a settings file and names its observations itself; give it alone")
-    mission = load_fit(settings[0]) if settings else mission_of(files, designation)
+    mission = load_fit(settings[0]) if settings else mission_of(files, designations)
     said = dict(chosen_dates(mission, since, until))
-    if designation is not None:
-        said["designation"] = designation
+    if designations:
+        said["designation"] = tuple(designations)
     if not said:
         return mission
     made = mission.model_copy(update={"fit": mission.fit.model_copy(update=said)})

@@ -3,7 +3,7 @@
 files -> Astrometry -> one object, by time -> where each observer was, what each observation weighs -> `Sky`
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -129,16 +129,16 @@ def gather(mission: FitMission) -> Astrometry:
     return joined([read_astrometry(path) for path in paths])
 
 
-def one_object(records: Astrometry, designation: str | None, hint: str) -> Astrometry:
-    """The records of one object.
+def one_object(records: Astrometry, designations: Sequence[str], hint: str) -> Astrometry:
+    """The records of one object, by one of its designations or by several that are to be joined.
 
     Raises
     ------
     InputError
         If there are several objects and none is named, or the named one is not there.
     """
-    if designation is not None:
-        return records.of(designation)
+    if designations:
+        return records.of(*designations)
     if len(records.objects) > 1:
         listed = ", ".join(records.objects[:LISTED]) + (", ..." if len(records.objects) > LISTED else "")
         raise InputError(f"observations of {len(records.objects)} objects ({listed}), and one orbit fits one; {hint}")

@@ -20,10 +20,13 @@ from nebosvod.pipeline import manifest
 from nebosvod.result import Result, sha256_of
 
 Say = Callable[[str], None]
-SPLIT_HINT = "name it with --object, or fit each by itself with --split"
+SPLIT_HINT = (
+    "name it with --object, or fit each by itself with --split; "
+    "where they are one object, give --object once for each of its names"
+)
 
 
-def mission_of(files: Sequence[str], designation: str | None) -> FitMission:
+def mission_of(files: Sequence[str], designations: Sequence[str] = ()) -> FitMission:
     """The fit of plain files: everything else as by default.
 
     Raises
@@ -34,8 +37,9 @@ def mission_of(files: Sequence[str], designation: str | None) -> FitMission:
     if not files:
         raise InputError("no observations: name their files, or one settings file (.yaml) with a fit block")
     stem = Path(files[0]).name.partition(".")[0]
-    plan = FitPlan(observations=tuple(str(file) for file in files), designation=designation)
-    return FitMission(schema_version=1, name=designation or stem, fit=plan)
+    plan = FitPlan(observations=tuple(str(file) for file in files))
+    plan = plan.model_copy(update={"designation": tuple(designations)})
+    return FitMission(schema_version=1, name=designations[0] if designations else stem, fit=plan)
 
 
 def objects(mission: FitMission, split: bool) -> Iterator[Astrometry]:
@@ -47,12 +51,12 @@ def objects(mission: FitMission, split: bool) -> Iterator[Astrometry]:
         If there are several and none is chosen.
     """
     records = gather(mission)
-    designation = mission.fit.designation
-    if split and designation is None:
+    designations = mission.fit.designation
+    if split and not designations:
         for name in records.objects:
             yield records.of(name)
         return
-    yield one_object(records, designation, SPLIT_HINT)
+    yield one_object(records, designations, SPLIT_HINT)
 
 
 def fitted(

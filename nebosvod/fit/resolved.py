@@ -13,7 +13,8 @@ def describe_fit(mission: FitMission) -> str:
 def _lines(mission: FitMission) -> Iterator[str]:
     plan, given = mission.fit, mission.object.given_orbit
     yield f"{mission.name}: {mission.title or 'orbit fit'}"
-    yield f"observations     {', '.join(plan.observations)}" + (f"; {plan.designation}" if plan.designation else "")
+    names = f"; {' = '.join(plan.designation)}" if plan.designation else ""
+    yield f"observations     {', '.join(plan.observations)}{names}"
     if plan.since is not None or plan.until is not None:
         since = f"from {plan.since.iso('utc', 0)} on" if plan.since is not None else ""
         until = f"before {plan.until.iso('utc', 0)}" if plan.until is not None else ""

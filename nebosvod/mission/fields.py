@@ -182,7 +182,7 @@ ObservationTime = Annotated[
 ]
 
 
-def _line_of_text(value: Any) -> str:
+def line_of_text(value: Any) -> str:
     if not isinstance(value, str):
         raise InputError(f"needs text (got {value!r}); put it in quotes")
     if not value.strip():
@@ -195,7 +195,7 @@ def _line_of_text(value: Any) -> str:
 
 
 Text = Annotated[
-    str, Parsed(_line_of_text, {"type": "string", "minLength": 1, "maxLength": 200, "description": "One line of text"})
+    str, Parsed(line_of_text, {"type": "string", "minLength": 1, "maxLength": 200, "description": "One line of text"})
 ]
 
 

@@ -2,14 +2,25 @@
 
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import Field, PrivateAttr
 
 from nebosvod.errors import InputError
 from nebosvod.mission.covariance import Array, Matrix
-from nebosvod.mission.fields import Block, Duration, KeyPath, ObservationTime, PositiveNumber, Several, Text, When
+from nebosvod.mission.fields import (
+    Block,
+    Duration,
+    KeyPath,
+    ObservationTime,
+    Parsed,
+    PositiveNumber,
+    Several,
+    Text,
+    When,
+    line_of_text,
+)
 from nebosvod.mission.model import DEFAULT_ESTIMATOR, CovariancePrior, Mission
 from nebosvod.mission.orbit import Frame, SbdbOrbit, StateOrbit
 from nebosvod.mission.request import Arc, Estimator, TelescopeNames, internal_covariance, scales
@@ -23,6 +34,7 @@ from nebosvod.timescale import Epoch
 Complaint = tuple[KeyPath, str]
 NOT_HERE = ("telescopes", "shared", "schedule", "estimators", "monte_carlo", "reference_epoch")
 MAX_FILES = 1000
+MAX_NAMES = 100
 J2000 = "2000-01-01T12:00:00 TDB"
 TITLES: dict[str, str] = {"bias": "bias", "position": "telescope position", "timing": "timing"}
 
@@ -82,6 +94,24 @@ class StationUncertainty(Block):
         """The block of the kind."""
         error: Error = getattr(self, self.group)
         return error
+
+
+def _designations(value: Any) -> tuple[str, ...]:
+    """One designation, or a list of several of one object; numbers need no quotes."""
+    several = value if isinstance(value, list) else [value]
+    if not several or len(several) > MAX_NAMES:
+        raise InputError(f"needs a designation, or a list of 1 to {MAX_NAMES} of one object (got {len(several)})")
+    whole = [str(one) if isinstance(one, int) and not isinstance(one, bool) else one for one in several]
+    return tuple(line_of_text(one) for one in whole)
+
+
+Designations = Annotated[
+    tuple[str, ...],
+    Parsed(
+        _designations,
+        {"anyOf": [{"type": ["string", "integer"]}, {"type": "array", "items": {"type": ["string", "integer"]}}]},
+    ),
+]
 
 
 class Rejection(Block):
@@ -146,7 +176,7 @@ class FitPlan(Block):
     """Which observations, what they weigh, what is uncertain beside their noise, and what is asked."""
 
     observations: Annotated[Several[Text], Field(min_length=1, max_length=MAX_FILES, description="Files beside it")]
-    designation: Text | None = Field(None, description="Of the object, where the files hold several")
+    designation: Designations = Field((), description="Of the object, where the files hold several; or all its names")
     since: ObservationTime | None = Field(None, alias="from", description="Earlier observations are left out")
     until: ObservationTime | None = Field(None, alias="to", description="Those at this time and later are left out")
     weights: Text | None = Field(None, description="A table of weight rules that come before the built-in ones")

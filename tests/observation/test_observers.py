@@ -70,6 +70,19 @@ def test_a_roving_observer_turns_with_the_earth(ephemeris) -> None:
     assert ours.velocity_known[0]
 
 
+def test_near_duplicate_places_of_one_spacecraft_are_one_telescope_with_one_bias(ephemeris) -> None:
+    """The same second twice, its place 3 km apart by another orbit, and once more a quarter of a second later."""
+    other = (S_LINES[0].replace("24.99", "25.09"), S_LINES[1].replace("5046.9579", "5049.9579"))
+    later = [line.replace("26.79569 ", "26.795693") for line in S_LINES]  # 0.26 s
+    ours = telescopes(read(*S_LINES, *other, *later), ephemeris)
+    assert set(ours.telescope) == {"C51"}
+    assert list(ours.spacecraft) == ["C51"]
+    apart = np.linalg.norm(ours.state_km_km_s[1, :3] - ours.state_km_km_s[0, :3])
+    assert apart == pytest.approx(3.0, abs=1e-6)  # each keeps its own place
+    # a quarter of a second and a rounded kilometre tell no velocity
+    assert not ours.velocity_known.any()
+
+
 def test_roving_observers_at_one_time_are_told_apart(ephemeris) -> None:
     elsewhere = V_LINES[1].replace("+38.11385", "+39.11385")
     records = read(*V_LINES, V_LINES[0].replace("41.10", "41.20"), elsewhere)

@@ -112,3 +112,68 @@ def test_a_number_known_from_one_file_holds_for_the_others() -> None:
     )
     assert both.objects == ("3666", "2023 DW", "lone")
     assert both.of("1979 HP").path.tolist() == ["g", "f", "f"]
+
+
+OLD_NAMES = """\
+# version=2022
+permID|provID|trkSub|stn|obsTime|ra|dec
+|2004 MN4||G96|2010-01-07T20:00:00Z|19.0|5.0
+99942|||G96|2010-01-08T20:00:00Z|19.5|5.0
+||trk1|703|2010-01-09T20:00:00Z|20.0|5.0
+|A/2017 U1||703|2010-01-10T20:00:00Z|20.5|5.0
+|C/2017 U1||703|2010-01-11T20:00:00Z|20.6|5.0
+"""
+
+
+def test_several_names_of_one_object_are_joined_under_the_first_and_told() -> None:
+    one = parse_astrometry(SourceFile("f", OLD_NAMES.encode())).of("99942", "2004MN4", "trk1")
+    assert one.objects == ("99942",)
+    assert one.line.tolist() == [3, 4, 5]
+    assert one.notices[-1].startswith("observations of 99942 and 2004 MN4 and trk1 were joined as those of one object")
+    with pytest.raises(InputError, match="no observation of 433"):
+        parse_astrometry(SourceFile("f", OLD_NAMES.encode())).of("99942", "433")
+
+
+def test_a_changed_orbit_letter_makes_no_other_object() -> None:
+    whole = parse_astrometry(SourceFile("f", OLD_NAMES.encode()))
+    assert whole.objects == ("2004 MN4", "99942", "trk1", "C/2017 U1")
+    for name in ("A/2017 U1", "2017 U1", "I/2017 U1", "CK17U010"):
+        assert whole.of(name).line.tolist() == [6, 7]
+    # also where the two names stand in two files, and a third one knows the number
+    head = "\n".join(OLD_NAMES.splitlines()[:2]) + "\n"
+    lines = [*OLD_NAMES.splitlines()[5:7], "1I|I/2017 U1||703|2010-01-12T20:00:00Z|20.7|5.0"]
+    parts = [parse_astrometry(SourceFile(f"f{k}", f"{head}{line}\n".encode())) for k, line in enumerate(lines)]
+    assert joined(parts[:2]).objects == ("C/2017 U1",)
+    assert joined(parts).objects == ("1I",)
+
+
+@pytest.mark.parametrize(
+    ("head", "row", "field"),
+    [
+        ("permID", "J013S", "permID"),
+        ("permID", "Jupiter 13", "permID"),
+        ("provID", "S/2003 J 2", "provID"),
+        ("provID", "SK20J420", "provID"),
+    ],
+)
+def test_natural_satellites_are_refused_in_words(head: str, row: str, field: str) -> None:
+    text = f"# version=2022\n{head}|stn|obsTime|ra|dec\n{row}|703|2010-01-09T20:00:00Z|20.0|5.0\n"
+    with pytest.raises(InputError, match=f'f:3: {field} "{row}": is a natural satellite; orbits about planets are not'):
+        parse_astrometry(SourceFile("f", text.encode()))
+
+
+def test_natural_satellites_in_80_columns_are_refused_in_words() -> None:
+    line = "J013S         C2022 07 26.00000123 42 46.013+17 52 55.07               V     683\n"
+    with pytest.raises(InputError, match='f:1: columns 1-12: "J013S       " is a natural satellite'):
+        parse_astrometry(SourceFile("f", line.encode()))
+
+
+def test_a_tail_of_a_year_to_come_and_the_name_of_an_exercise_are_told() -> None:
+    line = "0067PK69R010  C2022 07 26.00000123 42 46.013+17 52 55.07               V     683\n"
+    one = parse_astrometry(SourceFile("f", line.encode()))
+    assert one.objects == ("67P",)
+    assert '"0067PK69R010" was read as 67P' in one.notices[0]
+    text = "# version=2022\nprovID|stn|obsTime|ra|dec\n2026 PDC27|703|2026-01-09T20:00:00Z|20.0|5.0\n"
+    two = parse_astrometry(SourceFile("f", text.encode()))
+    assert two.objects == ("2026 PDC27",)
+    assert "exercise" in two.notices[0]
