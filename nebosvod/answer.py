@@ -15,6 +15,7 @@ from nebosvod.report.facts import earlier_orbit
 BUDGET_ROWS = 6
 BLAMED = 3  # kinds of source named behind each prediction
 BASIS = {True: " and a prior orbit", False: ", no earlier orbit used", None: ""}
+SEEN = 0.01  # of a sigma, from which a mean error is told
 AGREE = 0.01  # formal and true sigmas that differ by less are called equal
 UNITS = {"m_s": "m/s"}  # as read, where the key cannot say it
 MEANING = "true = what the error really is under the mission's error model; formal = what the estimator reports"
@@ -104,6 +105,14 @@ def _predictions(summary: Mapping[str, Any]) -> Iterator[str]:
         kinds = _by_kind(row["budget"], summary["telescopes"])[:BLAMED]
         blame = ", ".join(f"{kind} {_percent(share)}" for kind, share in kinds)
         yield f"  {row['name']} ({row['plane']}): {axes} {UNITS.get(unit, unit)}; {blame}"
+        mean, far = row.get(f"mean_error_{unit}") or [], row[f"max_deviation_{unit}"]
+        if any(abs(one) > SEEN * sigma for one, sigma in zip(mean, row[f"sigma_{unit}"])):
+            yield f"    off on average by {_each(mean, unit)}, so at most by {_each(far, unit)} (|mean| + 3 sigma)"
+
+
+def _each(values: Sequence[float], unit: str) -> str:
+    """Components in brackets, with their unit."""
+    return f"({', '.join(_number(value) for value in values)}) {UNITS.get(unit, unit)}"
 
 
 def _by_kind(budget: Sequence[Mapping[str, Any]], telescopes: Sequence[str]) -> list[tuple[str, float]]:

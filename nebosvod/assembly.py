@@ -10,7 +10,7 @@ Data flow, for one linearisation at a `Point` (a value for every uncertain param
 Cost and memory are linear in the number of measurements.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -125,7 +125,8 @@ def linear_problem(
         if isinstance(term, Common):
             blocks.append(Block(name=term.name, names=term.names, H=term.H, treatment=treatment))
             if term.covariance.any():
-                mean = term.mean - np.array([about.nuisances[name] for name in term.names])
+                assumed = assumed_mean(scene, term, treatment)
+                mean = assumed - np.array([about.nuisances[name] for name in term.names])
                 own.append(Prior(name=term.name, names=term.names, covariance=term.covariance, mean=mean))
         elif isinstance(term, MarkovTerm):
             markov.append(
@@ -149,6 +150,26 @@ def linear_problem(
 def nuisance_treatment(scene: Scene, estimator: Estimator, name: str) -> Treatment:
     """What an estimator does with the source of this name."""
     return scene.mission.source_treatment(estimator, scene.sources[name])
+
+
+def assumed_mean(scene: Scene, term: Common, treatment: Treatment) -> Array:
+    """What an estimator takes a common nuisance to be beforehand (k,).
+
+    Its mean where the estimator has it in its model; zero for a bias or a clock offset that it leaves out, whose mean
+    is then an error. The amplitude of the photocentre is a value of the model, as the radius is: always taken.
+    """
+    left_out = treatment in ("considered", "ignored") and scene.sources[term.name].group != "photocentre"
+    return np.zeros(len(term.names)) if left_out else term.mean
+
+
+def mean_errors(scene: Scene, estimator: Estimator, terms: Sequence[Term]) -> dict[str, float]:
+    """Mean of truth minus what the estimator assumes, by parameter; only those that are not zero."""
+    found: dict[str, float] = {}
+    for term in terms:
+        if isinstance(term, Common):
+            error = term.mean - assumed_mean(scene, term, nuisance_treatment(scene, estimator, term.name))
+            found |= {name: float(value) for name, value in zip(term.names, error) if value != 0.0}
+    return found
 
 
 def _observation(scene: Scene, trajectory: Trajectory, simulates: bool) -> Observation:

@@ -80,7 +80,7 @@ def assess(
         if kind not in bent:
             bent[kind] = nonlinearity(scene, fit, predicted[name])
         rows += [
-            prediction_row(asked, fit.estimate, name, prediction_rows(scene, own[name], asked), curved)
+            prediction_row(asked, fit.estimate, name, prediction_rows(scene, own[name], asked), curved, fit.mean_errors)
             for asked, curved in zip(predicted[name], bent[kind])
         ]
     drawn = _drawn(scene, found[0], predicted[found[0].estimator.name], rows, seed) if found and samples else {}
@@ -101,7 +101,8 @@ def _drawn(
     plan = scene.mission.monte_carlo
     points = clones(scene, fit, asked, min(plan.runs if plan else 0, CLONES_MOST), seed)
     for one, row, found in zip(asked, rows, points):
-        row["monte_carlo"] = spread_of(one, found, fit.estimate.predict(*known_partials(one, fit.estimate)).factor)
+        W, names = known_partials(one, fit.estimate)
+        row["monte_carlo"] = spread_of(one, found, fit.estimate.predict(W, names).factor, fit.mean_error(W, names))
         if "impact_probability_linear" in row:
             row["impact_probability_monte_carlo"] = impact_share(one, found)
     return {f"clones_{slug(one.request.name)}_{one.unit}": found for one, found in zip(asked, points)}

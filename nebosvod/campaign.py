@@ -273,7 +273,7 @@ def compute_chunk(
     for k, (one, through) in enumerate(zip(setting.estimating, passes)):
         if one.reference.solution is None:
             continue
-        chunk[f"nis_{k}"] = _nis(setting, through, residuals)
+        chunk[f"nis_{k}"] = _nis(setting, through, residuals, one.mean_residual())
         if truths:
             chunk |= {f"{name}_{k}": array for name, array in _refitted(setting, one, truths).items()}
         else:
@@ -341,28 +341,34 @@ def _refitted(setting: Setting, one: Estimating, truths: list[Truth | None]) -> 
     errors = np.full((len(truths), len(names)), np.nan)
     true = np.full((len(truths), len(names), len(names)), np.nan)
     formal = np.full((len(truths), *reference.S_formal.shape), np.nan)
-    assumed = setting.nominal.point.values
     for row, truth in enumerate(truths):
         if truth is None:
             continue
         found = fit(setting.scene, one.estimator, setting.nominal, truth.psi, setting.priors)
         if str(found.status) != "converged":
             continue
-        values = assumed | {name: found.point.values[name] for name in reference.names}
-        errors[row] = [values[name] - truth.point.values[name] for name in names]
+        errors[row] = [found.point.values[name] - truth.point.values[name] for name in names]
         true[row] = found.estimate.factor(names)
         formal[row, :s] = found.estimate.S_formal
     return {"errors": errors, "factor_true": true, "factor_formal": formal}
 
 
-def _nis(setting: Setting, through: Innovations | None, residuals: Array) -> Array:
-    """Mean normalised square (N, telescopes, 2) of the innovations of each telescope over its components."""
+def _nis(setting: Setting, through: Innovations | None, residuals: Array, expected: Array) -> Array:
+    """Mean normalised square (N, telescopes, 2) of the innovations of each telescope over its components.
+
+    Parameters
+    ----------
+    expected : (n, 2), mean that the residuals have in truth and the estimator does not know of.
+    """
     observation = setting.nominal.observation
     out = np.full((len(residuals), len(observation.telescopes), 2), np.nan)
     if through is None:
         return out
     telescope = observation.telescope_index[through.first :]
-    for judge, squares in enumerate(through.squares(residuals)):
+    believed, true = through.squares(residuals)
+    if expected.any():
+        true = through.squares(residuals - expected)[1]
+    for judge, squares in enumerate((believed, true)):
         for number in range(len(observation.telescopes)):
             mine = telescope == number
             if squares is not None and mine.any():

@@ -1,14 +1,14 @@
 """One estimator on one set of measurements: Gauss-Newton from the nominal point, with the solver the mission names."""
 
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 import numpy.typing as npt
 
-from nebosvod.assembly import Point, View, linear_problem, view
+from nebosvod.assembly import Point, View, linear_problem, mean_errors, view
 from nebosvod.dynamics import Trajectory
 from nebosvod.estimation import (
     Estimate,
@@ -57,11 +57,12 @@ class Fit:
     Attributes
     ----------
     estimate : of the problem linearised at the last point (`seen`), deviations counted from the start.
-    point : the estimated values; start values where nothing could be estimated.
+    point : the estimated values; start values where nothing could be estimated, assumed ones of what is left out.
     problem : the last linear problem.
     seen : orbit and computed measurements at the last point.
     history : sigmas after each measurement, of the gain of least squares; None for another gain, and where the
         problem is not observable.
+    mean_errors : mean of truth minus assumed value, by parameter left out; those that are not zero.
     """
 
     estimator: Estimator
@@ -74,6 +75,12 @@ class Fit:
     problem: LinearProblem
     seen: View
     history: History | None
+    mean_errors: Mapping[str, float]
+
+    def mean_error(self, W: Array, names: Sequence[str]) -> Array:
+        """Mean (d,) of estimated minus true w = W x, for what the estimator leaves out has a mean."""
+        moved: Array = W @ self.estimate.mean_shift(self.mean_errors, names)
+        return moved
 
     @property
     def own_gain(self) -> bool:
@@ -130,8 +137,16 @@ def fit(scene: Scene, estimator: Estimator, start: View, observed_psi: Array, pr
         message=found.message,
         iterations=found.iterations,
         cost=found.cost,
-        point=seen.point,
+        point=taken(seen.point, found.estimate),
         problem=problem,
         seen=seen,
         history=history,
+        mean_errors=mean_errors(scene, estimator, seen.terms),
     )
+
+
+def taken(point: Point, estimate: Estimate) -> Point:
+    """The last point of an iteration, with what the estimator leaves out at the value it assumes."""
+    if estimate.solution is None:
+        return point
+    return point.moved({name: estimate.value(name) for name in estimate.left_out})

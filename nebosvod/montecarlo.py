@@ -5,14 +5,14 @@ time are computed in full. Run i draws from its own seed, so the result does not
 Every truth is estimated with one factorisation of the problem at the reference (`nebosvod.estimation.repeated`).
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from nebosvod.assembly import View, computed_psi, linear_problem
+from nebosvod.assembly import View, computed_psi, linear_problem, mean_errors
 from nebosvod.estimation import Estimate, LinearProblem
 from nebosvod.estimation.repeated import Repeated
 from nebosvod.fitting import SOLVERS
@@ -34,18 +34,25 @@ class Sample:
     ----------
     names : s estimated parameters.
     errors : (runs, s), estimate minus truth.
+    mean : (s,), mean of the errors that the estimator's left-out sources promise; K_true is the covariance about it.
     reference : the estimate at the reference, whose K_true is on trial.
     """
 
     names: tuple[str, ...]
     errors: Array
+    mean: Array
     reference: Estimate
+
+    @property
+    def spread(self) -> Array:
+        """Errors (runs, s) about their promised mean."""
+        return self.errors - self.mean
 
     @property
     def nees(self) -> Array:
         """Normalised squared error (runs,) of the state, through the factor of K_true."""
         place = [self.names.index(name) for name in STATE_NAMES]
-        whitened = np.linalg.solve(self.reference.factor(STATE_NAMES), self.errors[:, place].T)
+        whitened = np.linalg.solve(self.reference.factor(STATE_NAMES), self.spread[:, place].T)
         total: Array = np.sum(whitened**2, axis=0)
         return total
 
@@ -59,12 +66,14 @@ class Estimating:
     base : the problem at the nominal point with zero residual.
     reference : its estimate; `solution` is None where the problem is not observable.
     repeated : the affine map from residuals to estimates, where the method has one.
+    mean_errors : mean of truth minus assumed value, by parameter left out; those that are not zero.
     """
 
     estimator: Estimator
     base: LinearProblem
     reference: Estimate
     repeated: Repeated | None
+    mean_errors: Mapping[str, float]
 
     @classmethod
     def of(cls, scene: Scene, estimator: Estimator, nominal: View, priors: PriorTable) -> "Estimating":
@@ -74,7 +83,19 @@ class Estimating:
         # all but these give K_formal H^T W v, so one factor serves every residual; these are solved anew for each
         affine = estimator.method not in OWN_GAIN and reference.solution is not None
         repeated = Repeated.of(base, reference) if affine else None
-        return cls(estimator=estimator, base=base, reference=reference, repeated=repeated)
+        off = mean_errors(scene, estimator, nominal.terms)
+        return cls(estimator=estimator, base=base, reference=reference, repeated=repeated, mean_errors=off)
+
+    def mean(self, names: Sequence[str]) -> Array:
+        """Mean (k,) of estimate minus truth, for what is left out may have a mean."""
+        return self.reference.mean_shift(self.mean_errors, names)
+
+    def mean_residual(self) -> Array:
+        """What the mean errors do to the measurements (n, 2), which the estimator does not know of."""
+        total = np.zeros_like(self.base.residual)
+        for block in self.base.blocks:
+            total += block.H @ np.array([self.mean_errors.get(name, 0.0) for name in block.names])
+        return total
 
     def means(self, residuals: Array) -> Array:
         """Estimated deviations (N, s) from the nominal point for residuals (N, n, 2)."""
@@ -112,7 +133,7 @@ def repeat(
             progress(f"Monte Carlo: {i} of {runs} runs")
         psi, truth = measured_truth(scene, nominal, priors, generator(seed, i))
         errors[i] = estimating.means(residual(psi, computed)[None])[0] - np.array([truth[name] for name in names])
-    return Sample(names=names, errors=errors, reference=estimating.reference)
+    return Sample(names=names, errors=errors, mean=estimating.mean(names), reference=estimating.reference)
 
 
 def generator(seed: int, run: int) -> np.random.Generator:

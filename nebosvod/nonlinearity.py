@@ -4,7 +4,8 @@ The error of the estimate is factored as K = S S^T with the columns of S ordered
 Along each column the orbit is propagated anew from +-sqrt(3) sigma (the chord of a Gaussian's fourth moment) and every
 prediction evaluated on it: the even part is the second-order term C_i of that direction, w = w_0 + sum D_i eta_i +
 1/2 C_i eta_i^2. Its mean shift is 1/2 sum C_i, exactly the trace of the second-order term; its spread, without the
-cross terms, 1/2 sum C_i C_i^T. In sigmas of the linear ellipse the two make one measure.
+cross terms, 1/2 sum C_i C_i^T. In sigmas of the linear ellipse the two make one measure. An error with a mean m of its
+own adds 1/2 m^T C m to the shift, by a pair of orbits displaced by +-m.
 """
 
 from collections.abc import Mapping, Sequence
@@ -111,17 +112,20 @@ def moved_quantities(scene: Scene, fit: Fit, asked: Sequence[Quantity], deviatio
     return found
 
 
+def uncertain(fit: Fit) -> tuple[str, ...]:
+    """State and dynamic parameters that have an error, estimated or left out."""
+    known = {*fit.estimate.names, *fit.estimate.left_out}
+    return tuple(name for name in (*STATE_NAMES, *fit.observation.parameter_names) if name in known)
+
+
 def nonlinearity(scene: Scene, fit: Fit, asked: Sequence[Quantity]) -> list[dict[str, Any]]:
     """The `nonlinearity` entry of each prediction of one estimator."""
-    estimate = fit.estimate
-    names = tuple(n for n in (*STATE_NAMES, *fit.observation.parameter_names) if n in estimate.names)
-    S = ordered_factor(estimate, names, asked)
+    estimate, names = fit.estimate, uncertain(fit)
+    S, mean = ordered_factor(estimate, names, asked), estimate.mean_shift(fit.mean_errors, names)
+    columns = [*(CHORD * S.T), *([mean] if mean.any() else [])]
     ends = [
-        [
-            moved_quantities(scene, fit, asked, dict(zip(names, (sign * CHORD * column).tolist())))
-            for sign in (1.0, -1.0)
-        ]
-        for column in S.T
+        [moved_quantities(scene, fit, asked, dict(zip(names, (sign * column).tolist()))) for sign in (1.0, -1.0)]
+        for column in columns
     ]
     rows = []
     for index, one in enumerate(asked):
@@ -131,12 +135,13 @@ def nonlinearity(scene: Scene, fit: Fit, asked: Sequence[Quantity]) -> list[dict
             empty = (f"mean_shift_{one.unit}", f"second_order_sigma_{one.unit}", "measure", "misleads")
             rows.append(row | dict.fromkeys(empty) | {"reason": "an orbit at 1.7 sigma has no such prediction"})
             continue
-        second = np.array([(up + down) / CHORD**2 for up, down in pairs])
-        found = curvature(second, estimate.predict(*known_partials(one, estimate)).factor)
+        even = np.array([up + down for up, down in pairs])
+        found = curvature(even[: S.shape[1]] / CHORD**2, estimate.predict(*known_partials(one, estimate)).factor)
+        shift = found.shift + 0.5 * even[S.shape[1] :].sum(axis=0)
         rows.append(
             row
             | {
-                f"mean_shift_{one.unit}": found.shift.tolist(),
+                f"mean_shift_{one.unit}": shift.tolist(),
                 f"second_order_sigma_{one.unit}": found.spread.tolist(),
                 "measure": found.measure,
                 "misleads": found.measure > MISLEADS,
@@ -149,15 +154,15 @@ def nonlinearity(scene: Scene, fit: Fit, asked: Sequence[Quantity]) -> list[dict
 def clones(scene: Scene, fit: Fit, asked: Sequence[Quantity], runs: int, seed: int) -> list[Array]:
     """Displacements (runs, d) of each quantity on orbits drawn from the error of the estimate; nan where undefined.
 
+    Truth is the estimate minus its error: where the error has a mean, the draws lie about the estimate minus that mean.
     Draw i comes from SeedSequence(seed, spawn_key=(1, i)).
     """
-    estimate = fit.estimate
-    names = tuple(n for n in (*STATE_NAMES, *fit.observation.parameter_names) if n in estimate.names)
-    S = estimate.factor(names)
+    names = uncertain(fit)
+    S, mean = fit.estimate.factor(names), fit.estimate.mean_shift(fit.mean_errors, names)
     found = [np.full((runs, len(one.partials)), np.nan) for one in asked]
     for i in range(runs):
         rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(1, i)))
-        drawn = dict(zip(names, (S @ rng.standard_normal(S.shape[1])).tolist()))
+        drawn = dict(zip(names, (S @ rng.standard_normal(S.shape[1]) - mean).tolist()))
         for points, moved in zip(found, moved_quantities(scene, fit, asked, drawn)):
             if moved is not None:
                 points[i] = moved
@@ -178,12 +183,13 @@ def impact_share(one: Quantity, points: Array) -> dict[str, Any]:
     return {"runs": n, "hits": hits, "probability": hits / n if n else None, "interval_95": [low, high]}
 
 
-def spread_of(one: Quantity, points: Array, factor: Array) -> dict[str, Any]:
+def spread_of(one: Quantity, points: Array, factor: Array, mean_error: Array | float = 0.0) -> dict[str, Any]:
     """What drawn orbits did, held against the linear ellipse: their mean, ellipse, and whether the linear one misleads.
 
     Parameters
     ----------
     factor : (d, r), K = factor factor^T is the linear covariance.
+    mean_error : (d,), mean of predicted minus true; the linear ellipse lies about minus this.
     """
     valid, unit = points[np.isfinite(points).all(axis=1)], one.unit
     row: dict[str, Any] = {"runs": len(points), "undefined": len(points) - len(valid)}
@@ -193,7 +199,7 @@ def spread_of(one: Quantity, points: Array, factor: Array) -> dict[str, Any]:
     mean, sigma = valid.mean(axis=0), valid.std(axis=0, ddof=1)
     axes = np.linalg.svd((valid - mean) / np.sqrt(len(valid) - 1.0), compute_uv=False)
     linear = np.linalg.svd(factor, compute_uv=False)
-    found = against_linear(valid, factor)
+    found = against_linear(valid + mean_error, factor)
     label = {"m_s": "m/s"}.get(unit, unit)
     drawn, believed = (" x ".join(f"{axis:.4g}" for axis in size) for size in (axes, linear[: len(axes)]))
     held, expected = (100.0 * found[key] for key in ("inside_linear_3_sigma", "expected_3_sigma"))

@@ -214,15 +214,24 @@ def prediction_row(
     estimator: str,
     budget: Sequence[Mapping[str, Any]],
     curved: Mapping[str, Any],
+    mean_errors: Mapping[str, float] | None = None,
 ) -> dict[str, Any]:
     """One entry of `predictions` in summary.json: true and formal covariance, ellipse, chance of impact.
 
     Parameters
     ----------
     budget, curved : its budget, and its nonlinearity with the mean shift, which adds to the largest deviation.
+    mean_errors : mean of truth minus assumed value of parameters left out, by name.
+
+    Notes
+    -----
+    Guo, Ivashkin 2018, (3.5): |M(w)| + 3 sigma. With the error e of the estimate, w(x) = w(x + e) - W e + 1/2 e^T C e:
+    predicted minus true is on average W M(e) less the shift of the second order.
     """
-    shift = curved[f"mean_shift_{asked.unit}"] or np.zeros(len(asked.partials))
-    found = estimate.predict(*known_partials(asked, estimate))
+    W, names = known_partials(asked, estimate)
+    off = W @ estimate.mean_shift(mean_errors or {}, names)
+    shift = off - np.array(curved[f"mean_shift_{asked.unit}"] or np.zeros(len(asked.partials)))
+    found = estimate.predict(W, names)
     unit, size = asked.unit, asked.partials.shape[0]
     row: dict[str, Any] = {
         "name": asked.request.name,
@@ -233,6 +242,7 @@ def prediction_row(
         **_shape(found.factor, unit),
         f"sigma_{unit}": found.sigma.tolist(),
         f"sigma_formal_{unit}": found.sigma_formal.tolist(),
+        f"mean_error_{unit}": off.tolist(),
         f"max_deviation_{unit}": ellipse.maximum_deviation(shift, found.sigma, SIGMAS).tolist(),
         f"covariance_{unit}2": found.covariance.tolist(),
         f"covariance_formal_{unit}2": found.covariance_formal.tolist(),
@@ -246,7 +256,8 @@ def prediction_row(
         row[f"mean_{unit}"] = asked.value.tolist()
         if "capture_radius_km" in asked.facts:
             # linear: a normal distribution on the plane, over the disc whose orbits hit the body
-            row["impact_probability_linear"] = inside_disc(asked.value, found.factor, asked.facts["capture_radius_km"])
+            centre = asked.value - off
+            row["impact_probability_linear"] = inside_disc(centre, found.factor, asked.facts["capture_radius_km"])
     return row
 
 

@@ -10,9 +10,10 @@ from nebosvod.assembly import nuisance_treatment
 from nebosvod.assessment import Findings
 from nebosvod.blame import LARGE
 from nebosvod.dynamics.constants import SOLAR_IRRADIANCE_W_M2
+from nebosvod.estimation import ellipse
 from nebosvod.estimation.square_root import lower_factor
 from nebosvod.fitting import Fit
-from nebosvod.predictions import M_PER_KM
+from nebosvod.predictions import M_PER_KM, SIGMAS
 from nebosvod.prior import STATE_NAMES, PriorTable
 from nebosvod.scene import Scene
 from nebosvod.timescale import SECONDS_PER_DAY
@@ -85,7 +86,8 @@ def estimator_row(scene: Scene, priors: PriorTable, fit: Fit) -> dict[str, Any]:
         "weak_direction": {} if estimate.solution is not None else dict(estimate.weak_direction),
     }
     if estimate.solution is None:
-        empty = ("chi2", "state_km_km_s", "covariance_km_km_s", "covariance_formal_km_km_s", "factor_km_km_s")
+        matrices = ("covariance_km_km_s", "covariance_formal_km_km_s", "factor_km_km_s")
+        empty = ("chi2", "state_km_km_s", *matrices, "mean_error_km_km_s", "max_deviation_km_km_s")
         sigmas = ("sigma_position_km", "sigma_velocity_m_s", "sigma_formal_position_km", "sigma_formal_velocity_m_s")
         return row | dict.fromkeys((*empty, *sigmas)) | {"parameters": {}}
     index = [estimate.names.index(name) for name in STATE_NAMES]
@@ -98,9 +100,25 @@ def estimator_row(scene: Scene, priors: PriorTable, fit: Fit) -> dict[str, Any]:
         "covariance_formal_km_km_s": formal.tolist(),
         "factor_km_km_s": estimate.factor(STATE_NAMES).tolist(),
         "factor_formal_km_km_s": lower_factor(estimate.S_formal[index]).tolist(),
+        **_mean_error(fit, np.sqrt(np.diag(true))),
         **_sigmas("sigma", true),
         **_sigmas("sigma_formal", formal),
         "parameters": _parameters(scene, priors, fit),
+    }
+
+
+def _mean_error(fit: Fit, sigma: Array) -> dict[str, Any]:
+    """Mean of estimated minus true state, what each source left out adds to it, and |mean| + 3 sigma."""
+    mean = fit.estimate.mean_shift(fit.mean_errors, STATE_NAMES)
+    parts = {}
+    for term in fit.seen.terms:
+        own = {name: fit.mean_errors[name] for name in term.names if name in fit.mean_errors}
+        if own:
+            parts[term.name] = fit.estimate.mean_shift(own, STATE_NAMES).tolist()
+    return {
+        "mean_error_km_km_s": mean.tolist(),
+        "mean_error_by_source_km_km_s": parts,
+        "max_deviation_km_km_s": ellipse.maximum_deviation(mean, sigma, SIGMAS).tolist(),
     }
 
 
@@ -126,6 +144,7 @@ def _parameters(scene: Scene, priors: PriorTable, fit: Fit) -> dict[str, dict[st
             "prior_sigma": None if before is None else before * scale,
             "sigma": fit.estimate.sigma(name) * scale,
             "estimate": values[name] * scale,
+            "mean_error": float(fit.estimate.mean_shift(fit.mean_errors, (name,))[0]) * scale,
         }
     return rows
 
@@ -201,6 +220,7 @@ def _warnings(scene: Scene, fits: Sequence[Fit], findings: Findings) -> list[str
         if str(fit.status) != "converged":
             said.append(f"{fit.estimator.name}: {fit.message}")
         said += [f"{fit.estimator.name}: {note}" for note in fit.estimate.notes]
+        said += [f"{fit.estimator.name}: {note}" for note in mean_error_notes(fit)]
         fixed = [
             parameter.group
             for parameter in scene.mission.free_parameters
@@ -212,6 +232,18 @@ def _warnings(scene: Scene, fits: Sequence[Fit], findings: Findings) -> list[str
                 "error is missing from that estimator's accuracy (use ignored or considered to count it)"
             )
     return said
+
+
+def mean_error_notes(fit: Fit) -> list[str]:
+    """What means of errors left out do to the orbit, in words; empty where there are none."""
+    if not fit.mean_errors or fit.estimate.solution is None:
+        return []
+    behind = [term.name for term in fit.seen.terms if any(name in fit.mean_errors for name in term.names)]
+    x, y, z = fit.estimate.mean_shift(fit.mean_errors, STATE_NAMES)[:3]
+    return [
+        f"{', '.join(behind)} left out, with a mean error: the estimate is off on average by ({x:.3g}, {y:.3g}, "
+        f"{z:.3g}) km from the truth at the reference epoch; sigmas are about this mean, largest deviations hold it"
+    ]
 
 
 def _finite(value: float) -> float | None:

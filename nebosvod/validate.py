@@ -213,6 +213,7 @@ def _judged(
     components = _innovation_components(setting, one)
     rows = directions(setting, names)
     state = np.array([row.weights for row in rows[: len(STATE_NAMES)]])
+    spread = {"true": own["errors"] - one.mean(names), "formal": own["errors"]}  # K_formal knows of no mean error
     judged = {}
     for column, name in ((1, "true"), (0, "formal")):
         claim = Claim(
@@ -222,7 +223,7 @@ def _judged(
             independent=name == "formal" or not left_out,
         )
         claimed = name == "true" or not left_out or one.estimator.method in OWN_GAIN
-        found = judge(own["errors"], claim, rows, state, [t.name for t in telescopes], level)
+        found = judge(spread[name], claim, rows, state, [t.name for t in telescopes], level)
         judged[name] = {"claimed": claimed, **found}
     return judged
 

@@ -106,7 +106,9 @@ def _predicted(
         return (), []
     curved = nonlinearity(scene, fit, asked)
     rows = [
-        prediction_row(one, fit.estimate, fit.estimator.name, prediction_rows(scene, worlds, one), bend)
+        prediction_row(
+            one, fit.estimate, fit.estimator.name, prediction_rows(scene, worlds, one), bend, fit.mean_errors
+        )
         for one, bend in zip(asked, curved)
     ]
     return asked, rows

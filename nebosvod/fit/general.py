@@ -12,7 +12,7 @@ from typing import cast
 import numpy as np
 import numpy.typing as npt
 
-from nebosvod.assembly import Point, View, linear_problem
+from nebosvod.assembly import Point, View, linear_problem, mean_errors
 from nebosvod.dynamics import ForceModel, propagate
 from nebosvod.errors import CoverageError, EventError
 from nebosvod.estimation import Estimate, LinearProblem, batch, gauss_newton
@@ -20,7 +20,7 @@ from nebosvod.estimation.rejection import Thresholds, chi_squared, reselect, set
 from nebosvod.fit.material import Material
 from nebosvod.fit.sky import Look, Sky, look
 from nebosvod.fit.stage import STATED, scene_of, view_of
-from nebosvod.fitting import Fit
+from nebosvod.fitting import Fit, taken
 from nebosvod.mission import FitMission
 from nebosvod.observation import Common, Markov, White
 from nebosvod.prior import PriorTable
@@ -154,10 +154,11 @@ def _once(
         message=found.message,
         iterations=found.iterations,
         cost=found.cost,
-        point=view.point,
+        point=taken(view.point, found.estimate),
         problem=problem,
         seen=view,
         history=None,
+        mean_errors=mean_errors(scene, estimator, view.terms),
     )
     residual, chi2 = _judged(scene, material, sky, fit, there, selected)
     return General(scene=scene, fit=fit, selected=selected, seen=there, residual=residual, chi2=chi2)

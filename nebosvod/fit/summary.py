@@ -11,7 +11,7 @@ from nebosvod.fit.engine import OrbitFit
 from nebosvod.fit.orbit import OrbitAt, elements_block
 from nebosvod.fit.verdict import arc_words
 from nebosvod.predictions import M_PER_KM
-from nebosvod.summary import estimator_row
+from nebosvod.summary import estimator_row, mean_error_notes
 from nebosvod.timescale import SECONDS_PER_DAY
 
 Array = npt.NDArray[np.float64]
@@ -135,4 +135,5 @@ def _warnings(found: Answer) -> list[str]:
         for row in found.predictions
         if row["nonlinearity"]["reason"]
     ]
-    return [*said, *bent, *unknown, *found.fit.general.fit.estimate.notes]
+    fit = found.fit.general.fit
+    return [*said, *bent, *unknown, *fit.estimate.notes, *mean_error_notes(fit)]

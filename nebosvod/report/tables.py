@@ -67,12 +67,16 @@ def prediction_table(run: RunFolder, estimator: Item) -> Table | None:
     for p in leading(run, estimator):
         unit = unit_of(p)
         axes, sigma, far = p[f"semi_axes_{unit}"], p.get(f"sigma_{unit}"), p.get(f"max_deviation_{unit}")
+        mean = p.get(f"mean_error_{unit}") or []
+        shown = series(far, unit) if far else DASH
+        if far and any(mean):
+            shown = Markup("{}<br>with a mean of {}").format(shown, series(mean, unit))
         what = Markup("<b>{}</b><br>{}<br>{}").format(
             p["name"], wording.plane_name(p["plane"], p.get("body")), wording.moment(p["epoch_tdb"])
         )
         rows.append((
             what, ", ".join(wording.axis_names(p["plane"], len(axes))), series(sigma, unit) if sigma else DASH,
-            series(far, unit) if far else DASH, product(axes, unit), quantity(p.get("angle_deg"), "deg"),
+            shown, product(axes, unit), quantity(p.get("angle_deg"), "deg"),
         ))  # fmt: skip
     if not rows:
         return None
@@ -82,7 +86,7 @@ def prediction_table(run: RunFolder, estimator: Item) -> Table | None:
             "prediction",
             "components",
             "sigma of each (1σ)",
-            "largest deviation (3σ)",
+            Markup("largest deviation<br>(|mean| + 3σ)"),
             "semi-axes (1σ)",
             Markup("angle of<br>long axis"),
         ),

@@ -22,7 +22,7 @@ from nebosvod.report.facts import (
     unit_of,
 )
 from nebosvod.report.folder import Item, RunFolder
-from nebosvod.report.wording import count, join, percent, product, quantity
+from nebosvod.report.wording import count, join, percent, product, quantity, series
 
 HELD_AT_3_SIGMA = {1: "99.7", 2: "98.9", 3: "97.1"}  # per cent of the probability in 1, 2 and 3 dimensions
 AGREE = 0.01  # sigmas that differ by less than this are called equal
@@ -66,20 +66,21 @@ def verdict(
     if main is None:
         return Verdict(headline=_no_answer(run), answers=(("Why", tuple(_failures(run))),), tone="bad")
     own, honest = _trust(main)
+    off = _mean_error(main)
     fit, fits = _fit(main)
     others = [_trust(e)[0] for e in run.estimators if _misleads(e) and not _alike(e, main)]
     every = all(e["status"] == "converged" for e in run.estimators)
     asked: list[tuple[str, list[Markup | None]]] = [
         ("How accurate", [*_predictions(run, main), _orbit(run, main)]),
         ("Because of what", [*_blame(run, main)]),
-        ("Can it be believed", [own, *trust, *others, fit, *_failures(run), _agreement(run, main)]),
+        ("Can it be believed", [own, off, *trust, *others, fit, *_failures(run), _agreement(run, main)]),
         ("What would help", [*advice]),
     ]
     answers = [(title, tuple(s for s in told if s)) for title, told in asked]
     return Verdict(
         headline=_headline(run, main),
         answers=tuple((title, told) for title, told in answers if told),
-        tone="good" if honest and fits and every and sound else "caution",
+        tone="good" if honest and off is None and fits and every and sound else "caution",
     )
 
 
@@ -223,6 +224,17 @@ def _trust(main: Item) -> tuple[Markup | None, bool]:
     return Markup("The estimator “{}” reports {} where the true sigma is {}: its formal sigma is {}.{}").format(
         main["name"], believed, quantity(main["sigma_position_km"], "km"), small if ratio > 1 else large, reason
     ), False
+
+
+def _mean_error(main: Item) -> Markup | None:
+    """How far the estimate is off on average, where what is left out has a mean error; None where it has none."""
+    mean = main.get("mean_error_km_km_s") or []
+    if not any(mean):
+        return None
+    return Markup(
+        "What the estimator “{}” leaves out has a mean error ({}): its estimate is off on average by {} on the axes of "
+        "the ICRF at the reference epoch. Sigmas and ellipses are about that mean; the largest deviations hold both."
+    ).format(main["name"], join(main["mean_error_by_source_km_km_s"]), series(mean[:3], "km"))
 
 
 def _fit(main: Item) -> tuple[Markup | None, bool]:
