@@ -285,6 +285,27 @@ def test_errors_of_clocks_and_errors_correlated_in_time_are_those_of_dense_algeb
     assert_as_dense(one, covariance(world, one.arrays), treatment == "estimated", name, 1e-4)
 
 
+@pytest.mark.parametrize("treatment", ["considered", "ignored"])
+def test_a_mean_that_is_left_out_is_not_taken_off_and_its_shift_is_that_of_dense_algebra(fit, world, treatment):
+    without, one = (
+        fit(world, f"{{stations: [F51], timing: {{sigma: 20 s, {mean}treatment: {treatment}}}}}")
+        for mean in ("", "mean: 60 s, ")
+    )
+    np.testing.assert_allclose(one.state, without.state, rtol=0.0, atol=1e-3)
+    H, n = one.arrays["H"].reshape(-1, 6), world.t_s.size
+    L = np.zeros((2 * n, 2 * n))
+    for k, block in enumerate(one.arrays["R"]):
+        L[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] = np.linalg.cholesky(block)
+    caused = 60.0 * (world.rate * of(world, "F51")[:, None]).ravel()
+    shift = np.linalg.lstsq(np.linalg.solve(L, H), np.linalg.solve(L, caused), rcond=None)[0]
+    sigma = np.array([one.estimate.sigma(name) for name in STATE_NAMES])
+    row = one.summary["estimators"][0]
+    np.testing.assert_allclose(row["mean_error_km_km_s"] / sigma, shift / sigma, rtol=1e-3, atol=1e-3)
+    assert np.max(np.abs(shift / sigma)) > 2.0
+    assert not np.any(without.summary["estimators"][0]["mean_error_km_km_s"])
+    assert any("mean error" in warning for warning in one.summary["warnings"])
+
+
 def test_stated_errors_of_the_time_tilt_the_noise_along_the_motion(fit, world):
     mine = np.flatnonzero(world.station == "F51")[::2]
     one = fit(world, change={k: {"rmsTime": "30"} for k in mine})
