@@ -1,6 +1,7 @@
-"""All tests: where nothing may be skipped, a skip is a failure."""
+"""All tests: where nothing may be skipped, a skip is a failure; Ctrl-C is heeded by what the tests start."""
 
 import os
+import signal
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -8,6 +9,9 @@ import pytest
 
 NOTHING_SKIPPED = "NEBOSVOD_NOTHING_SKIPPED"
 SHARED = Path(__file__).resolve().parent.parent.parent / "shared"
+
+if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:  # handed on by a shell to what it runs in the background
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def unexcused(reports: list[pytest.TestReport]) -> Iterator[str]:
