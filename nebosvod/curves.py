@@ -30,6 +30,8 @@ FEWEST = 4  # measurements of a telescope, below which a sparser cadence is not 
 
 def curves(fit: Fit, asked: Sequence[Quantity]) -> list[dict[str, Any]]:
     """The `curves` block: one entry a prediction, total sigmas (root of the summed variances)."""
+    if not asked:
+        return []
     counted, thinned, noisy = by_count(fit, asked), by_cadence(fit, asked), by_noise(fit, asked)
     return [
         {
