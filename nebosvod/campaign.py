@@ -4,38 +4,44 @@ The chunk is the unit of work and of safety: its runs, its size and its arithmet
 so an interrupted campaign continues to the same bytes, with any number of workers.
 """
 
-import fcntl
 import io
 import json
 import math
 import os
-import shutil
+import re
 import zipfile
 from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from nebosvod import __version__
 from nebosvod.assembly import View, computed_psi, nominal_point, view
-from nebosvod.errors import EventError, InputError, OutputError
+from nebosvod.errors import EventError, InputError, OutputError, listed
 from nebosvod.estimation import Block, Markov, White
 from nebosvod.estimation.repeated import Innovations
 from nebosvod.fitting import fit
+from nebosvod.lock import Lock
 from nebosvod.mission import Mission, load_mission
 from nebosvod.montecarlo import Estimating, generator, measured_truth
 from nebosvod.observation import residual
+from nebosvod.ownership import MARK, files_in, is_regular, marked, sha256_of
 from nebosvod.prior import PriorTable, prior_table
-from nebosvod.recognise import read_json
-from nebosvod.result import npz_bytes, sha256_of
+from nebosvod.recognise import is_validation, read_json
+from nebosvod.result import npz_bytes
 from nebosvod.scene import Scene, build_scene
 from nebosvod.truth import Truth, draw
+from nebosvod.wholefile import FRESH, reason, refuse_link, require_place, write_whole
 
 Array = npt.NDArray[np.float64]
+RECORD, RESULT, CHUNKS = "campaign.json", "validation.json", "chunks"
+OURS = re.compile(r"campaign\.json|validation\.(json|html)|chunks/\d{6,}\.npz")
+KEPT = "; finished chunks are kept"
 CHUNK_RUNS = {"linear": 50, "full": 10}
 CHUNK_NUMBERS = 4_000_000  # residuals held at a time
 NIS_ROWS = 20_000  # a pass over more measurements than these costs minutes and gigabytes: no NIS then
@@ -69,7 +75,8 @@ class Campaign:
 
     def same_runs(self, other: Mapping[str, Any]) -> bool:
         """Whether a stored campaign has the same runs; the mission may have moved to another path."""
-        mine, theirs = json.loads(json.dumps(asdict(self))), dict(other)
+        mine = json.loads(json.dumps(asdict(self)))
+        theirs = {key: value for key, value in other.items() if key not in (MARK, "outputs_sha256")}
         return {**mine, "mission": ""} == {**theirs, "mission": ""}
 
 
@@ -84,30 +91,26 @@ class CampaignFolder:
 
     def __init__(self, folder: Path, campaign: Campaign, *, overwrite: bool = False) -> None:
         self.folder, self.campaign, self._overwrite = folder, campaign, overwrite
-        self._lock = Path(os.path.abspath(folder)).with_name(f".{Path(os.path.abspath(folder)).name}.lock")
-        self._handle: IO[str] | None = None
+        self._absolute = Path(os.path.abspath(folder))
+        self._lock = Lock(self._absolute, folder, "another validation")
 
     def __enter__(self) -> "CampaignFolder":
         try:
-            self._lock.parent.mkdir(parents=True, exist_ok=True)
-            self._handle = self._lock.open("w", encoding="ascii")
-            fcntl.flock(self._handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            self._open()
-        except BlockingIOError:
-            self._release(keep=True)
-            raise OutputError(f"{self.folder}: another validation is writing here; wait or use -o") from None
+            if self._absolute.is_symlink():
+                refuse_link(self.folder, self._absolute.lstat().st_mode)
+            self._absolute.parent.mkdir(parents=True, exist_ok=True)
+            with ExitStack() as held:
+                held.enter_context(self._lock)
+                self._open()
+                held.pop_all()
         except OSError as error:
-            self._release()
-            raise OutputError(f"{self.folder}: cannot write here: {error.strerror}; choose another with -o") from None
-        except OutputError:
-            self._release()
-            raise
+            raise OutputError(f"{self.folder}: cannot write here: {reason(error)}; choose another with -o") from None
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._release()
+        self._lock.__exit__(kind, error, trace)
 
     def missing(self, runs: int) -> list[int]:
         """Numbers of the chunks of `runs` runs that are not on disk whole."""
@@ -121,7 +124,7 @@ class CampaignFolder:
         OutputError
             If the result that is there has more runs, and nobody said to overwrite it.
         """
-        there = read_json(self.folder / "validation.json").get("n_runs")
+        there = read_json(self.folder / RESULT).get("n_runs")
         if isinstance(there, int) and there > runs and not self._overwrite:
             raise OutputError(
                 f"{self.folder}: holds this campaign with {there:,} runs, and {runs:,} would replace its result by a "
@@ -140,55 +143,84 @@ class CampaignFolder:
         return {name: np.concatenate([part[name] for part in whole])[:runs] for name in whole[0]}
 
     def publish(self, text: str) -> Path:
-        """Write validation.json in one step; returns its path."""
-        return write_whole(self.folder / "validation.json", text.encode("utf-8"))
+        """Write validation.json in one step, and what this campaign has written with its hashes; returns its path."""
+        path = write_whole(self.folder / RESULT, text.encode("utf-8"), KEPT)
+        self._record()
+        return path
+
+    def _record(self) -> None:
+        """Write campaign.json: what fixes the runs, and the list of the files that are there."""
+        files = {name: sha256_of(path) for name, path in files_in(self.folder) if OURS.fullmatch(name)}
+        record = marked({**asdict(self.campaign), "outputs_sha256": files})
+        write_whole(self.folder / RECORD, (json.dumps(record, indent=1) + "\n").encode("utf-8"), KEPT)
 
     def _open(self) -> None:
-        record = self.folder / "campaign.json"
-        if self.folder.exists() and not record.is_file() and any(self.folder.iterdir()):
-            raise OutputError(f"{self.folder}: exists and is not a validation folder; choose another with -o")
-        if record.is_file() and not self.campaign.same_runs(read_json(record)):
-            if not self._overwrite:
-                raise OutputError(
-                    f"{self.folder}: holds runs of another mission, seed, mode or program version; "
-                    "use --overwrite to begin anew, or -o for another folder"
-                )
-            shutil.rmtree(self.folder / "chunks", ignore_errors=True)
-            (self.folder / "validation.json").unlink(missing_ok=True)
-        (self.folder / "chunks").mkdir(parents=True, exist_ok=True)
-        for left in (self.folder / "chunks").glob("*.partial"):
-            left.unlink(missing_ok=True)
-        write_whole(record, (json.dumps(asdict(self.campaign), indent=1) + "\n").encode("utf-8"))
+        if self.folder.exists() and any(self.folder.iterdir()):
+            record = read_json(self.folder / RECORD)
+            if not _is_campaign(record):
+                raise OutputError(f"{self.folder}: exists and is not a validation folder; choose another with -o")
+            self._refuse_strangers()
+            if not self.campaign.same_runs(record):
+                self._begin_anew(hashes_listed(record))
+        (self.folder / CHUNKS).mkdir(parents=True, exist_ok=True)
+        for left in (self.folder / CHUNKS).iterdir():
+            if FRESH.fullmatch(left.name) and is_regular(left):
+                left.unlink()
+        self._record()
 
-    def _release(self, keep: bool = False) -> None:
-        if self._handle is not None:
-            if not keep:
-                self._lock.unlink(missing_ok=True)
-            self._handle.close()
-            self._handle = None
+    def _refuse_strangers(self) -> None:
+        """Nothing with the name of a file of ours may be a link, a folder or a device."""
+        chunks = self.folder / CHUNKS
+        if chunks.is_symlink() or (chunks.exists() and not chunks.is_dir()):
+            raise OutputError(f"{chunks}: is no folder of its own; take it away, or choose another folder with -o")
+        for name, path in files_in(self.folder):
+            if OURS.fullmatch(name):
+                require_place(path)
+
+    def _begin_anew(self, hashes: Mapping[str, str]) -> None:
+        """Remove another campaign, if it is to be replaced: whole chunks and what is listed, nothing else."""
+        if not self._overwrite:
+            raise OutputError(
+                f"{self.folder}: holds runs of another mission, seed, mode or program version; "
+                "use --overwrite to begin anew, or -o for another folder"
+            )
+        ours = [name for name, _ in files_in(self.folder) if OURS.fullmatch(name) and name != RECORD]
+        said = [name for name in ours if not self._wrote(name, hashes)]
+        if said:
+            raise OutputError(
+                f"{self.folder}: {listed(said)}: not as this program wrote it; nothing was changed; move it away, or "
+                "choose another folder with -o"
+            )
+        for name in ours:
+            (self.folder / name).unlink()
+
+    def _wrote(self, name: str, hashes: Mapping[str, str]) -> bool:
+        """Whether a file is one of this program: by its hash, or where it is not listed (yet), by what is in it."""
+        path = self.folder / name
+        if name in hashes:
+            return sha256_of(path) == hashes[name]
+        if path.suffix == ".npz":
+            return read_chunk(self.folder, int(path.stem), None) is not None
+        return is_validation(path)
 
 
-def write_whole(path: Path, data: bytes) -> Path:
-    """Write a file under another name, then put it in place in one step."""
-    fresh = path.with_name(f".{path.name}.{os.getpid()}.partial")
-    try:
-        with fresh.open("wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        fresh.replace(path)
-    except OSError as error:
-        fresh.unlink(missing_ok=True)
-        raise OutputError(f"{path}: cannot write: {error.strerror}; finished chunks are kept") from None
-    return path
+def _is_campaign(record: Mapping[str, Any]) -> bool:
+    """Whether campaign.json is one of ours; version 0.1.0 wrote no mark."""
+    return {*Campaign.__slots__} <= record.keys() and record.keys() <= {*Campaign.__slots__, MARK, "outputs_sha256"}
+
+
+def hashes_listed(record: Mapping[str, Any]) -> dict[str, str]:
+    """The list of campaign.json; empty where a campaign has not come to its end."""
+    found = record.get("outputs_sha256")
+    return {str(name): str(value) for name, value in found.items()} if isinstance(found, dict) else {}
 
 
 def chunk_path(folder: Path, number: int) -> Path:
     """Where a chunk lies."""
-    return folder / "chunks" / f"{number:06d}.npz"
+    return folder / CHUNKS / f"{number:06d}.npz"
 
 
-def read_chunk(folder: Path, number: int, runs: int) -> dict[str, npt.NDArray[Any]] | None:
+def read_chunk(folder: Path, number: int, runs: int | None) -> dict[str, npt.NDArray[Any]] | None:
     """The arrays of a chunk; None where it is absent, cut or damaged, to be computed again."""
     try:
         data = chunk_path(folder, number).read_bytes()
@@ -196,7 +228,8 @@ def read_chunk(folder: Path, number: int, runs: int) -> dict[str, npt.NDArray[An
             arrays = {name: stored[name] for name in stored.files}
     except (OSError, ValueError, zipfile.BadZipFile, EOFError, KeyError):
         return None
-    return arrays if arrays and all(len(array) == runs for array in arrays.values()) else None
+    whole = bool(arrays) and all(runs is None or len(array) == runs for array in arrays.values())
+    return arrays if whole else None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -253,7 +286,7 @@ def open_campaign(argument: Mapping[str, Any]) -> Callable[[int], None]:
     def work(number: int) -> None:
         first = number * campaign.chunk_runs
         chunk = compute_chunk(setting, passes, campaign, range(first, first + campaign.chunk_runs))
-        write_whole(chunk_path(folder, number), npz_bytes(chunk))
+        write_whole(chunk_path(folder, number), npz_bytes(chunk), KEPT)
 
     return work
 

@@ -103,7 +103,7 @@ def check(mission: str) -> int:
 def init(path: Path) -> int:
     """Write a commented mission to PATH (a new .yaml file) to start from."""
     from nebosvod.mission import template_text
-    from nebosvod.result import write_new_text
+    from nebosvod.wholefile import write_new_text
 
     if path.suffix not in (".yaml", ".yml"):
         raise InputError(f"{path}: a mission file ends in .yaml; try: nebosvod init {path}.yaml")
@@ -224,8 +224,10 @@ def plan(
     from nebosvod.plan import plan as plan_mission
     from nebosvod.plan import read_wish
     from nebosvod.plan_answer import print_plan
-    from nebosvod.result import json_text, write_new_text
+    from nebosvod.result import json_text
+    from nebosvod.wholefile import require_places, write_new_text
 
+    require_places(output, page)
     loaded = load_mission(mission)
     window = (start, end, step)
     wish = read_wish(loaded, prediction, visits, estimator, criterion, window, visit_time, exposures, spacing)
@@ -257,8 +259,10 @@ def compare(folders: tuple[Path, ...], page: Path | None, as_json: bool) -> int:
     """
     from nebosvod.compare import compare as compare_runs
     from nebosvod.compare_answer import print_comparison
-    from nebosvod.result import json_text, write_new_text
+    from nebosvod.result import json_text
+    from nebosvod.wholefile import require_places, write_new_text
 
+    require_places(page)
     found = compare_runs(folders)
     if page is not None:
         from nebosvod.report.comparison_page import make_comparison_page

@@ -16,6 +16,7 @@ PAGES = {
     "orbit fit": "fit",
 }
 PLAN_KEYS = {"windows", "greedy", "uniform"}
+VALIDATION_KEYS = {"n_runs", "mode", "estimators", "verdict"}
 COMPARISON_KEYS = {"runs", "budget", "ellipses"}
 
 
@@ -78,6 +79,13 @@ def _written(path: Path) -> str:
     if keys >= COMPARISON_KEYS:
         return "is a comparison: its page is made by nebosvod compare DIR DIR --page NAME.html"
     return ""
+
+
+def is_validation(path: Path) -> bool:
+    """Whether a file is the result of `nebosvod validate`, or its page."""
+    if path.suffix == ".html":
+        return _page(path) == f"the page of nebosvod {PAGES['validation report']}"
+    return read_json(path).keys() >= VALIDATION_KEYS
 
 
 def _page(path: Path) -> str:

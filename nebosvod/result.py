@@ -1,27 +1,30 @@
 """What a run leaves behind: `Result` in memory, the run folder on disk, one becoming the other whole or not at all.
 
-A run folder is written beside its place under a hidden name and renamed when complete, under a lock that the
-operating system drops if the process dies: a killed run leaves the last whole result untouched.
+A run folder is written beside its place under a hidden name and exchanged with the earlier one when complete
+(publication.py), under a lock that the operating system drops if the process dies (lock.py); what is replaced is what
+the program wrote (ownership.py).
 """
 
-import errno
-import fcntl
 import hashlib
 import json
 import os
-import shutil
 from collections.abc import Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from io import BytesIO, StringIO
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from nebosvod.errors import InputError, OutputError
-from nebosvod.recognise import not_a_run
+from nebosvod.errors import InputError, OutputError, listed
+from nebosvod.lock import Lock
+from nebosvod.ownership import OURS, RECORD, Ownership, hashes_of, marked, ownership, sha256_of
+from nebosvod.publication import discard, new_stage, publish, recover
+from nebosvod.recognise import not_a_run, read_json
+from nebosvod.wholefile import reason, refuse_link, require_place, write_whole
 
 FAILED_STATUSES = ("iteration_limit", "not_observable", "diverged")
 
@@ -98,134 +101,113 @@ def require_run_folder(path: Path) -> None:
         raise InputError(f"{path}: {why}")
 
 
-def sha256_of(path: Path) -> str:
-    """Hex digest of a file."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
-
-
-def write_new_text(path: Path, text: str) -> None:
-    """Create `path` with `text`; an existing file is never touched."""
-    try:
-        with path.open("x", encoding="utf-8") as file:
-            file.write(text)
-    except FileExistsError:
-        raise OutputError(f"{path}: exists already; choose another name") from None
-    except OSError as error:
-        raise OutputError(f"{path}: cannot write: {error.strerror}") from error
-
-
 class RunFolder:
     """Owner of one run folder while a run is made: takes the lock, publishes whole results.
 
     Parameters
     ----------
     folder : where the run shall stand.
-    overwrite : replace an earlier *run* there; anything else in the way is refused.
+    overwrite : replace an earlier *run* there, by its list of files; anything else in the way is refused or stays.
 
     Raises
     ------
     OutputError
-        When another run holds the folder, it exists, or the place cannot be written.
+        When another run holds the folder, it exists, it is a symbolic link, or the place cannot be written.
     """
 
     def __init__(self, folder: Path, *, overwrite: bool = False) -> None:
-        absolute = Path(os.path.abspath(folder))
-        self.folder, self.shown, self._overwrite = absolute, folder, overwrite
-        self._lock = absolute.with_name(f".{absolute.name}.lock")
-        self._partial = absolute.with_name(f".{absolute.name}.partial")
-        self._old = absolute.with_name(f".{absolute.name}.old")
-        self._handle: IO[str] | None = None
+        self.folder, self.shown, self._overwrite = Path(os.path.abspath(folder)), folder, overwrite
+        self._lock = Lock(self.folder, folder, "another run")
 
     def __enter__(self) -> "RunFolder":
         try:
+            if self.folder.is_symlink():
+                refuse_link(self.shown, self.folder.lstat().st_mode)
             self.folder.parent.mkdir(parents=True, exist_ok=True)
-            self._take_lock()
-            self._recover()
-            self._refuse_what_is_in_the_way()
-            self._partial.mkdir()
         except OSError as error:
-            self._release()
-            raise OutputError(
-                f"{self.shown}: cannot write here: {error.strerror}; choose another folder with -o"
-            ) from None
-        except OutputError:
-            self._release()
-            raise
+            raise self._unwritable(error) from None
+        with ExitStack() as held:
+            held.enter_context(self._lock)
+            try:
+                recover(self.folder)
+                if os.path.lexists(self.folder):
+                    self._refuse_what_is_in_the_way()
+            except OSError as error:
+                raise self._unwritable(error) from None
+            held.pop_all()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        shutil.rmtree(self._partial, ignore_errors=True)
-        self._release()
+        self._lock.__exit__(kind, error, trace)
 
     def publish(self, result: Result) -> None:
-        """Write `result` and its report, then put the folder in place in one step."""
+        """Write `result` and its report to a folder beside, then put it in place in one step."""
+        stage = None
         try:
-            write_files(self._partial, result)
-            if self.folder.exists():
-                self.folder.rename(self._old)
-            self._partial.rename(self.folder)
+            stage = new_stage(self.folder)
+            write_files(stage, result)
+            if os.path.lexists(self.folder):  # it may have changed while the run was made
+                self._refuse_what_is_in_the_way()
+            publish(stage, self.folder)
         except OSError as error:
-            self._recover()
-            reason = "the disk is full" if error.errno == errno.ENOSPC else error.strerror
-            raise OutputError(f"{self.shown}: cannot write the result: {reason}; nothing was changed") from None
-        shutil.rmtree(self._old, ignore_errors=True)
-
-    def _take_lock(self) -> None:
-        """Lock against a second run in the same folder; the lock dies with the process."""
-        self._handle = self._lock.open("w", encoding="ascii")
-        try:
-            fcntl.flock(self._handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            self._handle.close()
-            self._handle = None
-            raise OutputError(
-                f"{self.shown}: another run is writing here; wait for it or choose another folder"
-            ) from None
-
-    def _recover(self) -> None:
-        """Bring back the last whole result and clear what a killed run left."""
-        if self._old.exists() and not self.folder.exists():
-            self._old.rename(self.folder)
-        shutil.rmtree(self._old, ignore_errors=True)
-        shutil.rmtree(self._partial, ignore_errors=True)
+            raise OutputError(f"{self.shown}: cannot write the result: {reason(error)}; nothing was changed") from None
+        finally:
+            if stage is not None:
+                discard(stage, self.folder)
 
     def _refuse_what_is_in_the_way(self) -> None:
-        if not self.folder.exists():
-            return
+        refuse_link(self.shown, self.folder.lstat().st_mode)
         if not self._overwrite:
             raise OutputError(
                 f"{self.shown}: exists already; use --overwrite to replace that run, or -o for another folder"
             )
-        if self.folder.is_symlink() or not (self.folder / "manifest.json").is_file():
-            raise OutputError(f"{self.shown}: exists and is not a run folder; --overwrite replaces runs only")
+        owned = ownership(self.folder) if self.folder.is_dir() else None
+        if owned is None:
+            raise OutputError(f"{self.shown}: exists and is not a run folder of this program, which alone is replaced")
+        if not os.access(self.folder, os.W_OK | os.X_OK):
+            raise OutputError(f"{self.shown}: cannot write here: it is read-only; choose another folder with -o")
+        refuse_foreign(self.shown, owned)
 
-    def _release(self) -> None:
-        if self._handle is not None:
-            self._lock.unlink(missing_ok=True)
-            self._handle.close()
-            self._handle = None
+    def _unwritable(self, error: OSError) -> OutputError:
+        return OutputError(f"{self.shown}: cannot write here: {reason(error)}; choose another folder with -o")
+
+
+def refuse_foreign(shown: Path, owned: Ownership) -> None:
+    """Raise OutputError if replacing a run would lose what somebody else wrote: a changed file, a name of ours."""
+    taken = [name for name in owned.foreign if _taken(name)]
+    said = [f"{name} was changed after it was written" for name in owned.changed]
+    said += [f"{name} was not written by this program" for name in taken]
+    if said:
+        raise OutputError(f"{shown}: {listed(said)}; nothing was changed; move it away, or choose another folder")
+
+
+def _taken(name: str) -> bool:
+    """Whether a result may have a file of this name, or one where this needs a folder; a PDF only comes on request."""
+    parts = Path(name).parts
+    paths = ("/".join(parts[: count + 1]) for count in range(len(parts)))
+    return (name != "report.pdf" and any(OURS.fullmatch(path) for path in paths)) or name == "tables"
 
 
 def write_files(folder: Path, result: Result) -> None:
-    """Write every file of a run into `folder`: the report from the files, the manifest last, with their hashes."""
+    """Write every file of a run into an empty folder: their list first, the report from the files, the list again."""
+    files = {f"tables/{name}.ecsv": ecsv_text(table).encode("utf-8") for name, table in result.tables.items()}
+    files |= {"summary.json": result.summary_text().encode("utf-8"), "arrays.npz": npz_bytes(result.arrays)}
+    files |= result.files
+    hashes = {name: hashlib.sha256(data).hexdigest() for name, data in files.items()}
+    _write_manifest(folder, result.manifest, hashes)
     (folder / "tables").mkdir()
-    for name, table in result.tables.items():
-        (folder / "tables" / f"{name}.ecsv").write_text(ecsv_text(table), "utf-8")
-    (folder / "summary.json").write_text(result.summary_text(), "utf-8")
-    (folder / "arrays.npz").write_bytes(npz_bytes(result.arrays))
-    for name, content in result.files.items():
-        (folder / name).write_bytes(content)
-    (folder / "manifest.json").write_text(json_text(result.manifest), "utf-8")
-    (folder / "report.html").write_text(report_text(folder), "utf-8")
-    _write_manifest(folder, result.manifest)
+    for name, data in files.items():
+        (folder / name).write_bytes(data)
+    report = report_text(folder).encode("utf-8")
+    (folder / "report.html").write_bytes(report)
+    _write_manifest(folder, result.manifest, {**hashes, "report.html": hashlib.sha256(report).hexdigest()})
 
 
 def report_text(folder: Path) -> str:
     """The report of a run folder, by what kind of run it is."""
-    if json.loads((folder / "summary.json").read_text("utf-8")).get("kind") == "fit":
+    if read_json(folder / "summary.json").get("kind") == "fit":
         from nebosvod.report.fit_page import make_fit_report
 
         return make_fit_report(folder)
@@ -237,28 +219,34 @@ def report_text(folder: Path) -> str:
 def rewrite_report(folder: Path, *, pdf: bool = False) -> Path:
     """Make report.html (and report.pdf) anew from the files of a run; returns the path of the page."""
     require_run_folder(folder)
-    fresh = folder / ".report.html.partial"
-    try:
-        fresh.write_text(report_text(folder), "utf-8")
-        fresh.replace(folder / "report.html")
+    place = Path(os.path.realpath(folder))
+    with Lock(place, folder, "another run"):
+        owned = ownership(place)
+        pages = ["report.html", *(["report.pdf"] if pdf else [])]
+        for name in pages:
+            require_place(place / name)
+            if os.path.lexists(place / name) and (owned is None or name not in owned.listed):
+                raise OutputError(f"{folder / name}: was not written by this program; move it away")
+        require_place(place / RECORD)
+        write_whole(place / "report.html", report_text(folder).encode("utf-8"))
         if pdf:
             from nebosvod.report.pdf import print_pdf
 
-            print_pdf(folder / "report.html", folder / "report.pdf")
-        _write_manifest(folder, json.loads((folder / "manifest.json").read_text("utf-8")))
-    except OSError as error:
-        fresh.unlink(missing_ok=True)
-        raise OutputError(f"{folder}: cannot write the report: {error.strerror}") from None
+            print_pdf(place / "report.html", place / "report.pdf")
+        record = read_json(place / RECORD)
+        if owned is not None:
+            made = {name: sha256_of(place / name) for name in pages}
+            _write_manifest(place, record, {**(hashes_of(record) or {}), **made}, changed=RECORD in owned.changed)
     return folder / "report.html"
 
 
-def _write_manifest(folder: Path, manifest: Mapping[str, Any]) -> None:
-    """Write manifest.json with the sha256 of every other file of the run."""
-    outputs = sorted(path for path in folder.rglob("*") if path.is_file() and path.name != "manifest.json")
-    hashes = {path.relative_to(folder).as_posix(): sha256_of(path) for path in outputs}
-    fresh = folder / ".manifest.json.partial"
-    fresh.write_text(json_text({**manifest, "outputs_sha256": hashes}), "utf-8")
-    fresh.replace(folder / "manifest.json")
+def _write_manifest(
+    folder: Path, manifest: Mapping[str, Any], hashes: Mapping[str, str], *, changed: bool = False
+) -> None:
+    """Write manifest.json with the list of the other files; a mark that a change broke stays broken."""
+    record = {**manifest, "outputs_sha256": dict(sorted(hashes.items()))}
+    record = record if changed else marked(record)
+    write_whole(folder / RECORD, json_text(record).encode("utf-8"))
 
 
 def npz_bytes(arrays: Mapping[str, npt.NDArray[Any]]) -> bytes:

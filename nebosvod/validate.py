@@ -29,6 +29,7 @@ from nebosvod.predictions import quantity
 from nebosvod.prior import STATE_NAMES
 from nebosvod.result import json_text
 from nebosvod.trust import Claim, Direction, judge
+from nebosvod.wholefile import refuse_link
 
 Array = npt.NDArray[np.float64]
 SCHEMA_VERSION = 1
@@ -87,6 +88,8 @@ def validate(
         raise InputError(
             f"--runs: {runs:,} is out of range (allowed {MIN_RUNS} to {MAX_RUNS:,}); 2000 see a sigma wrong by 6 %"
         )
+    if folder.is_symlink():
+        refuse_link(folder, folder.lstat().st_mode)
     setting = Setting.of(mission)
     _require_observable(setting)
     campaign = Campaign.of(mission, seed, full, setting.nominal.observation.t_s.size)

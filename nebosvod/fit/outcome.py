@@ -16,8 +16,9 @@ from nebosvod.fit.tables import all_arrays, all_tables
 from nebosvod.mission import FitMission
 from nebosvod.mission.fit import FitPlan
 from nebosvod.observation.records import Astrometry
+from nebosvod.ownership import sha256_of
 from nebosvod.pipeline import manifest
-from nebosvod.result import Result, sha256_of
+from nebosvod.result import Result
 
 Say = Callable[[str], None]
 SPLIT_HINT = (

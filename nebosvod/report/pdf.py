@@ -12,6 +12,7 @@ import tempfile
 from pathlib import Path
 
 from nebosvod.errors import OutputError
+from nebosvod.wholefile import write_whole
 
 NAMES = (
     "chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "microsoft-edge", "msedge",
@@ -62,9 +63,4 @@ def print_pdf(page: Path, target: Path) -> None:
         if done.returncode or not made.is_file() or made.read_bytes()[:5] != b"%PDF-":
             last = (done.stderr.strip().splitlines() or ["it says nothing"])[-1]
             raise OutputError(f"{target}: {program} could not print: {last}; open {page} and print it to PDF")
-        try:
-            fresh = target.with_name(f".{target.name}.partial")
-            shutil.copyfile(made, fresh)
-            fresh.replace(target)
-        except OSError as error:
-            raise OutputError(f"{target}: cannot write: {error.strerror}") from None
+        write_whole(target, made.read_bytes())

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
+from nebosvod.ownership import MARK
 from nebosvod.report import wording
 from nebosvod.report.facts import formal_ratio, impact_clause, leading, unit_of
 from nebosvod.report.folder import Item, RunFolder
@@ -27,7 +28,7 @@ class Table:
     foot: tuple[Cell, ...] = ()
 
 
-VARYING = ("times", "outputs_sha256")
+VARYING = ("times", "outputs_sha256", MARK)
 SAME = 0.005
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from markupsafe import Markup
 
 from nebosvod.errors import OutputError
+from nebosvod.recognise import is_validation
 from nebosvod.report.base import render
 from nebosvod.report.chart import Chart
 from nebosvod.report.download import csv
@@ -15,22 +16,18 @@ from nebosvod.report.plate import BLUE, GREY, INK, SERIES, VERMILION, Plate
 from nebosvod.report.scale import linear, named
 from nebosvod.report.tables import Cell, Table
 from nebosvod.report.wording import NBSP, PARAMETERS, join, number, percent, quantity, series
+from nebosvod.wholefile import write_whole
 
 Item = Mapping[str, Any]
 SIZE = 6  # of the state, over which the NEES is judged
 
 
 def write_validation_report(folder: Path, found: Item) -> Path:
-    """Write validation.html beside validation.json; returns its path."""
+    """Write validation.html beside validation.json, which must not be anybody else's; returns its path."""
     path = folder / "validation.html"
-    fresh = folder / ".validation.html.partial"
-    try:
-        fresh.write_text(make_validation_report(found), "utf-8")
-        fresh.replace(path)
-    except OSError as error:
-        fresh.unlink(missing_ok=True)
-        raise OutputError(f"{path}: cannot write: {error.strerror}") from None
-    return path
+    if path.exists() and not is_validation(path):
+        raise OutputError(f"{path}: was not written by this program; move it away")
+    return write_whole(path, make_validation_report(found).encode("utf-8"))
 
 
 def make_validation_report(found: Item) -> str:

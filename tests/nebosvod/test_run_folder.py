@@ -187,7 +187,7 @@ def start_long_run(folder: Path, mission: Path) -> "subprocess.Popen[str]":
     command = [*PROGRAM, "run", str(mission), "-o", str(folder), "--overwrite"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     deadline = time.monotonic() + 30.0
-    while not folder.with_name(f".{folder.name}.partial").exists():
+    while not folder.with_name(f".{folder.name}.lock").exists():
         assert time.monotonic() < deadline, "the run did not start"
         assert process.poll() is None, process.stderr.read() if process.stderr else ""
         time.sleep(0.05)
