@@ -14,10 +14,12 @@ import numpy.typing as npt
 
 from nebosvod.errors import GeometryError, InputError
 from nebosvod.estimation.kalman import Belief
-from nebosvod.estimation.square_root import solve_lower
+from nebosvod.estimation.square_root import lower_factor, row_units, solve_lower, solve_square
 
 Array = npt.NDArray[np.float64]
 MIN_EFFECTIVE = 30.0
+REACH = 6.0  # sigmas; beyond lie 7e-8 of the variance, less than the information that counts
+SINGULAR = 1e-12  # of a sigma: what is left of it, given the components before
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -38,17 +40,29 @@ class GridBlock:
     covariance: Array
 
     @classmethod
-    def of_prior(cls, belief: Belief, d: int, points: int = 41, reach: float = 4.0) -> "GridBlock":
+    def of_prior(cls, belief: Belief, d: int, points: int = 41, reach: float = REACH) -> "GridBlock":
         """Lay nodes over the first d coordinates of a Gaussian prior, along its axes, to `reach` sigmas.
 
         The prior is the filter's current marginal; a fixed broad one gave a 2-sigma error in a bimodal case.
+
+        Raises
+        ------
+        GeometryError
+            If the prior is singular.
+
+        Notes
+        -----
+        A grid that ends is narrower than the prior (0.1 % of the variance at 4 sigmas), and what it has lost would
+        pass for information. The nodes are therefore spread until the moments of the bare grid are those of the prior.
         """
-        L = np.linalg.cholesky(belief.covariance)
+        L = _regular_factor(belief, "GridBlock")
         axis = np.linspace(-reach, reach, points)
-        unit = np.stack(np.meshgrid(*[axis] * d, indexing="ij"), axis=-1).reshape(-1, d)
+        weight = np.exp(-0.5 * axis**2)
+        wider = axis / np.sqrt(np.sum(weight * axis**2) / np.sum(weight))
+        unit, own = (np.stack(np.meshgrid(*[x] * d, indexing="ij"), axis=-1).reshape(-1, d) for x in (wider, axis))
         return cls(
             nodes=belief.mean[:d] + unit @ L[:d, :d].T,
-            log_weight=-0.5 * np.sum(unit**2, axis=1),
+            log_weight=-0.5 * np.sum(own**2, axis=1),
             mean=belief.mean[d:] + unit @ L[d:, :d].T,
             covariance=L[d:, d:] @ L[d:, d:].T,
         )
@@ -78,9 +92,9 @@ class GridBlock:
         innovation = observed - predicted - self.mean @ H.T
         L = np.linalg.cholesky(V)
         half = np.broadcast_to(L, (len(self.nodes), *V.shape[1:]))
-        white = np.linalg.solve(half, innovation[:, :, None])[:, :, 0]
+        white = solve_square(half, innovation[:, :, None])[:, :, 0]
         logs = np.log(np.einsum("npp->np", L)).sum(axis=1)
-        gain = np.linalg.solve(V, H @ P).transpose(0, 2, 1)
+        gain = solve_square(V, H @ P).transpose(0, 2, 1)
         keep = np.eye(P.shape[1]) - gain @ H
         posterior = keep @ P @ keep.transpose(0, 2, 1) + gain @ R @ gain.transpose(0, 2, 1)
         return replace(
@@ -122,6 +136,8 @@ def equivalent_measurement(prior: Belief, posterior: Belief, tolerance: float = 
 
     Parameters
     ----------
+    posterior : of moments on a grid that begins with those of the prior (`GridBlock.of_prior`): what the grid itself
+        lacks would pass for information.
     tolerance : information gain below which a direction is dropped; directions in which the posterior is wider
         than the prior are dropped too (no linear measurement can do that).
 
@@ -135,10 +151,7 @@ def equivalent_measurement(prior: Belief, posterior: Belief, tolerance: float = 
     L = chol(P0), A = iL P iL^T = U diag(a) U^T, mu = 1/a - 1, kept where mu > tolerance; H = U^T iL, R = diag(1/mu),
     y = H m0 + R U^T iA iL (m - m0). Stepanov, appendix A, in the coordinates of the prior.
     """
-    try:
-        L = np.asarray(np.linalg.cholesky(prior.covariance), dtype=np.float64)
-    except np.linalg.LinAlgError:
-        raise GeometryError("equivalent_measurement: the prior covariance is singular") from None
+    L = _regular_factor(prior, "equivalent_measurement")
     half = solve_lower(L, posterior.factor)
     vectors, lengths, _ = np.linalg.svd(np.hstack([half, np.zeros((len(L), len(L)))]), full_matrices=False)
     # a posterior without error in some direction would be an infinite weight: floor it at 1e-12 of the prior
@@ -151,6 +164,14 @@ def equivalent_measurement(prior: Belief, posterior: Belief, tolerance: float = 
     return EquivalentMeasurement(
         y=H.T @ prior.mean + move / (mu[kept] * a[kept]), H=np.ascontiguousarray(H.T), R=np.diag(1.0 / mu[kept])
     )
+
+
+def _regular_factor(belief: Belief, what: str) -> Array:
+    """The lower triangular factor of a belief, which must not be singular."""
+    L = lower_factor(belief.factor)
+    if not (np.diag(L) > SINGULAR * row_units(L)).all():
+        raise GeometryError(f"{what}: the prior covariance is singular")
+    return L
 
 
 def drift_covariance(P_rate: Array, interval: float) -> Array:
@@ -194,7 +215,7 @@ def adapt(
     start: Belief,
     *,
     points: int = 41,
-    reach: float = 4.0,
+    reach: float = REACH,
     limit: int = 12,
 ) -> GridBlock:
     """Lay a grid that follows the posterior: re-centre and turn it until enough nodes carry the weight.

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from scipy.special import gammainc, gammaincinv
 
 from nebosvod.errors import InputError
-from nebosvod.estimation.square_root import covariance_factor
+from nebosvod.estimation.square_root import covariance_factor, solve_square
 
 Array = npt.NDArray[np.float64]
 
@@ -115,7 +115,7 @@ def normalized_distance(factor: npt.ArrayLike, offset: npt.ArrayLike) -> float:
     """Mahalanobis distance of an offset (d,), in sigmas, through a nonsingular factor (d, r)."""
     L = np.atleast_2d(np.asarray(factor, dtype=np.float64))
     r = np.asarray(np.linalg.qr(L.T, mode="r"))
-    return float(np.linalg.norm(np.linalg.solve(r.T, np.asarray(offset, dtype=np.float64))))
+    return float(np.linalg.norm(solve_square(r.T, np.asarray(offset, dtype=np.float64))))
 
 
 def maximum_deviation(mean: npt.ArrayLike, sigma: npt.ArrayLike, level: float = 3.0) -> Array:

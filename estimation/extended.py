@@ -14,7 +14,7 @@ from nebosvod.errors import GeometryError, InputError
 from nebosvod.estimation.correlation import Series, worst
 from nebosvod.estimation.problem import LinearProblem
 from nebosvod.estimation.sources import measurement_gain
-from nebosvod.estimation.square_root import conditioning, solve_upper
+from nebosvod.estimation.square_root import conditioning, solve_square, solve_upper
 
 Array = npt.NDArray[np.float64]
 
@@ -142,7 +142,7 @@ def bias_imitates(problem: LinearProblem, state: str, bias: str) -> Klaus:
         if name not in blocks:
             raise InputError(f"bias_imitates: no block {name!r}; there are {', '.join(blocks)}")
     L = np.linalg.cholesky(np.broadcast_to(problem.R, (problem.n, problem.p, problem.p)))
-    U, S = (np.linalg.solve(L, blocks[name].H).reshape(problem.n * problem.p, -1) for name in (state, bias))
+    U, S = (solve_square(L, blocks[name].H).reshape(problem.n * problem.p, -1) for name in (state, bias))
     return klaus(np.asarray(U, dtype=np.float64), np.asarray(S, dtype=np.float64), blocks[state].names)
 
 

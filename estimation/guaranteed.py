@@ -136,6 +136,7 @@ def extreme(polytope: Polytope, objective: Array, level: float = 1.0, offset: Ar
     inflation = _inflation(polytope)
     factor = 1.0 if inflation <= 1.0 + 1e-9 else inflation * (1.0 + 1e-9)
     bounds = polytope.bound * factor
+    _, unit = _scaled(polytope.A)
     lower, upper, gap = np.empty(len(objective)), np.empty(len(objective)), 0.0
     for row, p in enumerate(objective):
         size = float(np.abs(p).max())
@@ -144,7 +145,8 @@ def extreme(polytope: Polytope, objective: Array, level: float = 1.0, offset: Ar
             continue
         for sign, out in ((1.0, upper), (-1.0, lower)):
             value = _primal(polytope, bounds, sign * p / size)
-            gap = max(gap, abs(value - _dual(polytope, bounds, sign * p / size)) / max(abs(value), 1e-12))
+            other = _dual(polytope, bounds, sign * p / size)
+            gap = max(gap, abs(value - other) / max(abs(value), 1e-12 * float(np.abs(p / size / unit).max())))
             out[row] = sign * value * size
     shift = np.zeros(len(objective)) if offset is None else offset
     return Bounds(
@@ -177,7 +179,10 @@ def polytope(U: npt.ArrayLike, bounds: npt.ArrayLike, right: npt.ArrayLike | Non
     """Polytope |right - U x| <= bounds for a small dense system."""
     A = np.atleast_2d(np.asarray(U, dtype=np.float64))
     values = np.zeros(len(A)) if right is None else np.asarray(right, dtype=np.float64)
-    return Polytope(A=csr_matrix(A), right=values, bound=np.asarray(bounds, dtype=np.float64))
+    limits = np.asarray(bounds, dtype=np.float64)
+    # Every row in units of its bound, as everywhere here: the solver's tolerances are absolute.
+    unit = np.where(limits > 0.0, limits, 1.0)
+    return Polytope(A=csr_matrix(A / unit[:, None]), right=values / unit, bound=limits / unit)
 
 
 def _polytope(problem: LinearProblem, partition: Partition, level: float) -> tuple[Polytope, Array]:

@@ -11,16 +11,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from nebosvod.errors import CoverageError, EventError, InputError
 from nebosvod.estimation.batch import solve as solve_batch
 from nebosvod.estimation.estimate import Estimate, Status
 from nebosvod.estimation.partition import Partition
 from nebosvod.estimation.problem import LinearProblem
+from nebosvod.estimation.square_root import whiten
 from nebosvod.estimation.whitening import Whitener
 
 Array = npt.NDArray[np.float64]
 Linearise = Callable[[Mapping[str, float]], LinearProblem]
 ARMIJO = 1e-4
 SHORTEST = 2.0**-20
+GROWTH = 0.01  # of a cost, which second-order terms may add to what a linear step makes of it
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -68,7 +71,8 @@ def gauss_newton(
     tolerance : convergence when a full step is shorter than this many sigmas (root mean square).
     limit : number of steps allowed.
     damped : False takes every step whole: for a solver with a gain of its own, whose estimate is not the minimum of
-        this cost.
+        this cost. Such an iteration has converged only if its cost has not grown beyond what its own first step, in a
+        linear world, would have made of it.
 
     Returns
     -------
@@ -88,16 +92,22 @@ def gauss_newton(
     costs, lengths, dampings = [cost(_recentred(problem, point))], [], []
     status = Status.ITERATION_LIMIT
     estimate = solve(_recentred(problem, point))
+    allowed = costs[0] if damped else max(costs[0], _linear_cost(_recentred(problem, point), estimate))
     for _ in range(limit):
         if estimate.solution is None:
             status = Status.NOT_OBSERVABLE
             break
+        if not _sound(estimate, costs[-1]):
+            status = Status.DIVERGED
+            break
         length = step_length(estimate)
         lengths.append(length)
         if length <= tolerance:
-            status = Status.CONVERGED
+            # where the partials vanish a step is short in sigmas, however far from any minimum
+            grown = costs[-1] > allowed * (1.0 + GROWTH) + GROWTH
+            status = Status.DIVERGED if grown else Status.CONVERGED
             break
-        found = _damped(linearise, point, estimate, costs[-1]) if damped else _whole(linearise, point, estimate)
+        found = _damped(linearise, point, estimate, costs[-1]) if damped else _tried(linearise, point, estimate)
         if found is None:
             status = Status.DIVERGED
             break
@@ -139,15 +149,27 @@ def cost(problem: LinearProblem) -> float:
 
 def step_length(estimate: Estimate) -> float:
     """Length of a step from the linearisation point in sigmas: root mean square over independent directions."""
-    whitened, *_ = np.linalg.lstsq(*_scaled(estimate.S_formal, estimate.mean), rcond=None)
+    whitened = whiten(estimate.S_formal, estimate.mean)
     return float(np.sqrt(np.mean(whitened**2))) if whitened.size else 0.0
 
 
-def _scaled(factor: Array, step: Array) -> tuple[Array, Array]:
-    """Bring the rows to sigma units, so that lstsq's rank cut-off does not depend on the parameters' units."""
-    sigma = np.linalg.norm(factor, axis=1)
-    unit = np.where(sigma > 0.0, sigma, 1.0)
-    return factor / unit[:, None], step / unit
+def _sound(estimate: Estimate, value: float) -> bool:
+    """Whether cost, estimate and sigmas are numbers: an overflow is no minimum."""
+    with np.errstate(over="ignore"):
+        sigma = np.linalg.norm(estimate.S_formal, axis=1)
+    return bool(np.isfinite(value) and np.isfinite(estimate.mean).all() and np.isfinite(sigma).all())
+
+
+def _linear_cost(problem: LinearProblem, estimate: Estimate) -> float:
+    """What the cost of a problem would become by the step of an estimate if it were linear."""
+    if estimate.solution is None:
+        return 0.0
+    step = dict(zip(estimate.names, estimate.mean))
+    moved = np.array(problem.residual)
+    for block in problem.blocks:
+        if block.treatment == "estimated":
+            moved -= block.H @ np.array([step[name] for name in block.names])
+    return cost(_recentred(replace(problem, residual=moved), step))
 
 
 def _recentred(problem: LinearProblem, point: Mapping[str, float]) -> LinearProblem:
@@ -167,23 +189,24 @@ def _damped(
     promised = max(before - estimate.chi2, 0.0)
     fraction = 1.0
     while fraction >= SHORTEST:
-        trial = {name: point[name] + fraction * step for name, step in zip(estimate.names, estimate.mean)}
-        problem = linearise(trial)
-        value = cost(_recentred(problem, trial))
+        found = _tried(linearise, point, estimate, fraction)
         # Round-off of a cost of this size must not stop an iteration that stands at its minimum.
-        if value <= before - ARMIJO * fraction * promised + 1e-10 * max(before, 1.0):
-            return trial, problem, value, fraction
+        if found is not None and found[2] <= before - ARMIJO * fraction * promised + 1e-10 * max(before, 1.0):
+            return found
         fraction *= 0.5
     return None
 
 
-def _whole(
-    linearise: Linearise, point: Mapping[str, float], estimate: Estimate
-) -> tuple[dict[str, float], LinearProblem, float, float]:
-    """Take the whole step, whatever becomes of the cost."""
-    moved = {name: point[name] + step for name, step in zip(estimate.names, estimate.mean)}
-    problem = linearise(moved)
-    return moved, problem, cost(_recentred(problem, moved)), 1.0
+def _tried(
+    linearise: Linearise, point: Mapping[str, float], estimate: Estimate, fraction: float = 1.0
+) -> tuple[dict[str, float], LinearProblem, float, float] | None:
+    """Take a fraction of a step, whatever becomes of the cost; None where the problem does not exist there."""
+    trial = {name: point[name] + fraction * step for name, step in zip(estimate.names, estimate.mean)}
+    try:
+        problem = linearise(trial)
+        return trial, problem, cost(_recentred(problem, trial)), fraction
+    except (InputError, CoverageError, EventError):
+        return None  # the start was good; a step may lead out of the domain, or to where values overflow
 
 
 def _about_start(estimate: Estimate, point: Mapping[str, float]) -> Estimate:

@@ -5,7 +5,8 @@ nonlinear measurement is handled by the iterated update, which moves the lineari
 measurement once, or by chord linearisation, which replaces the tangent where the belief is wide.
 """
 
-from collections.abc import Callable
+import itertools
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,11 +14,26 @@ import numpy.typing as npt
 from scipy.special import gammaincinv
 
 from nebosvod.errors import GeometryError, InputError
-from nebosvod.estimation.square_root import covariance_factor, lower_factor, solve_lower, solve_upper
+from nebosvod.estimation.square_root import (
+    covariance_factor,
+    left_inverse,
+    lower_factor,
+    row_units,
+    solve_lower,
+    solve_square,
+    solve_upper,
+    whiten,
+)
 
 Array = npt.NDArray[np.float64]
 Measure = Callable[[Array], tuple[Array, Array]]
-SQRT3 = float(np.sqrt(3.0))
+SHORTEST = 2.0**-20  # of a step
+Draws = Mapping[int, float]
+SIDES = (-1.0, 1.0)
+CORNER = float(np.sqrt(3.0))  # sigmas to the points that show mixed curvature
+# Nodes and weights of four-point Gauss-Hermite quadrature: right to degree 7 for a normal variable.
+NODES = np.sqrt(3.0 + np.sqrt(6.0) * np.array([1.0, -1.0, -1.0, 1.0])) * np.array([-1.0, -1.0, 1.0, 1.0])
+WEIGHTS = (3.0 - np.sqrt(6.0) * np.array([1.0, -1.0, -1.0, 1.0])) / 12.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -116,7 +132,7 @@ def joseph(P: Array, H: Array, R: Array) -> tuple[Array, Array]:
     Agrees with the square-root form to 1e-12 for priors of 1e4 in units of the noise, 1e-8 at 1e8, 1e-4 at 1e12.
     """
     V = H @ P @ H.T + R
-    gain: Array = np.asarray(np.linalg.solve(V, H @ P).T)
+    gain = solve_square(V, H @ P).T
     keep = np.eye(len(P)) - gain @ H
     posterior = keep @ P @ keep.T + gain @ R @ gain.T
     return gain, 0.5 * (posterior + posterior.T)
@@ -150,19 +166,24 @@ def iterated_update(
     """
     psi = np.atleast_1d(np.asarray(observed, dtype=np.float64))
     point = belief.mean
-    unit = np.linalg.norm(belief.factor, axis=1)
-    unit = np.where(unit > 0.0, unit, 1.0)
+    unit = row_units(belief.factor)
     best = _cost(belief, point, psi, measure, R)
     for _ in range(limit):
         value, H = measure(point)
         posterior, innovation = update(belief, psi - value - H @ (belief.mean - point), H, R)
         step = posterior.mean - point
+        if not (np.isfinite(step).all() and np.isfinite(posterior.factor).all()):
+            break
         if np.max(np.abs(step) / unit) <= tolerance:
-            return posterior, innovation, True
+            return posterior, innovation, bool(np.isfinite(best))
         fraction = 1.0
-        # Damping keeps a strongly curved measurement from throwing the point away; the same step, shortened.
-        while (cost := _cost(belief, point + fraction * step, psi, measure, R)) > best and fraction > 1e-3:
+        # Damping keeps a strongly curved measurement from throwing the point away; the same step, shortened. What
+        # round-off adds to a cost must not stop it at the minimum.
+        bound = best + 1e-10 * max(best, 1.0)
+        while (cost := _cost(belief, point + fraction * step, psi, measure, R)) > bound and fraction >= SHORTEST:
             fraction *= 0.5
+        if fraction < SHORTEST:
+            break  # no step makes the cost smaller: the partials are wrong, or the point is where they jump
         point, best = point + fraction * step, min(cost, best)
     return Belief(mean=point, factor=posterior.factor), innovation, False
 
@@ -192,27 +213,69 @@ class Chord:
 
 
 def chord(function: Callable[[Array], Array], belief: Belief) -> Chord:
-    """Linearise a function over the width of a belief by central chords along the columns of its factor.
+    """Linearise a function over the width of a belief: the line of least mean square error, and what it leaves.
+
+    Parameters
+    ----------
+    function : takes x (s,), returns (p,); called 1 + 6 r + 2 r (r - 1) + 4 r (r - 1) (r - 2) / 3 times for a belief of
+        rank r.
 
     Notes
     -----
-    Chords reach h = sqrt(3) sigmas, where third-order terms cancel best (Platonov and Ivanov 2013, pp. 116-119).
-    The mean shift is half the sum of second differences; what neither explains is kept as extra noise: the
-    cubature of the residual over the same points.
+    Statistical linearisation (Platonov and Ivanov 2013, pp. 116-119) with the function expanded in Hermite polynomials
+    of the whitened state to the third degree: along each axis by four-point Gauss-Hermite quadrature, what two and
+    three axes do together by mixed differences over corners at sqrt(3) sigmas. Right for every cubic polynomial, mixed
+    terms included: chords along the axes alone give x y no residual at all. The mean shift is E f - f(mean); the
+    residual covariance is a sum of squares, so it can not lose sign.
     """
-    S, mean = belief.factor, belief.mean
-    centre = np.atleast_1d(function(mean))
-    plus = np.stack([np.atleast_1d(function(mean + SQRT3 * column)) for column in S.T], axis=1)
-    minus = np.stack([np.atleast_1d(function(mean - SQRT3 * column)) for column in S.T], axis=1)
-    along = (plus - minus) / (2.0 * SQRT3)
-    bend = (plus + minus - 2.0 * centre[:, None]) / 6.0
-    inverse = np.linalg.pinv(S)
+    wide = belief.factor
+    S = wide if wide.shape[1] <= wide.shape[0] else lower_factor(wide)
+
+    def at(draws: Draws) -> Array:
+        x = belief.mean + sum((step * S[:, i] for i, step in draws.items()), np.zeros(len(belief.mean)))
+        return np.atleast_1d(np.asarray(function(x), dtype=np.float64))
+
+    centre = at({})
+    shift, first, unexplained = _hermite(at, centre, S.shape[1])
     return Chord(
-        value=centre + bend.sum(axis=1),
-        slope=along @ inverse,
-        residual_covariance=2.0 * bend @ bend.T,
-        mean_shift=bend.sum(axis=1),
+        value=centre + shift,
+        slope=first.T @ left_inverse(S),
+        residual_covariance=unexplained.T @ unexplained,
+        mean_shift=shift,
     )
+
+
+def _hermite(at: Callable[[Draws], Array], centre: Array, axes: int) -> tuple[Array, Array, Array]:
+    """Expand a function of independent normal draws: mean minus `centre` (p,), slopes (r, p), rows of all the rest."""
+    first, second, third = (np.zeros((axes, len(centre))) for _ in range(3))
+    shift = np.zeros(len(centre))
+    for i in range(axes):
+        values = np.stack([at({i: node}) - centre for node in NODES])
+        shift += WEIGHTS @ values
+        first[i] = (WEIGHTS * NODES) @ values
+        second[i] = (WEIGHTS * (NODES**2 - 1.0)) @ values / 2.0
+        third[i] = (WEIGHTS * (NODES**3 - 3.0 * NODES)) @ values / 6.0
+    edge = {(i, side): at({i: side * CORNER}) - centre for i in range(axes) for side in SIDES}
+    rest = []
+    for i, j in itertools.combinations(range(axes), 2):
+        corners = {(a, b): at({i: a * CORNER, j: b * CORNER}) - centre for a in SIDES for b in SIDES}
+        both = {(a, b): f - edge[i, a] - edge[j, b] for (a, b), f in corners.items()}
+        xy, xxy, xyy, xxyy = (
+            np.sum([a**m * b**n * f for (a, b), f in both.items()], axis=0) / (4.0 * CORNER ** (m + n))
+            for m, n in ((1, 1), (2, 1), (1, 2), (2, 2))
+        )
+        # with x^2 = (x^2 - 1) + 1 each monomial has its part in the lower terms
+        shift += xxyy
+        first[i] += xyy
+        first[j] += xxy
+        second[i] += xxyy
+        second[j] += xxyy
+        rest += [xy, np.sqrt(2.0) * xxy, np.sqrt(2.0) * xyy, 2.0 * xxyy]
+    for which in itertools.combinations(range(axes), 3):
+        signs = list(itertools.product(SIDES, repeat=3))
+        corners_of_three = [at({i: side * CORNER for i, side in zip(which, sign)}) for sign in signs]
+        rest.append(np.prod(signs, axis=1) @ np.stack(corners_of_three) / (8.0 * CORNER**3))
+    return shift, first, np.vstack([np.sqrt(2.0) * second, np.sqrt(6.0) * third, *rest])
 
 
 def chord_update(
@@ -262,12 +325,14 @@ def normalized_error_squared(belief: Belief, truth: Array) -> float:
     """NEES of a belief with a nonsingular square factor."""
     if belief.factor.shape[0] != belief.factor.shape[1]:
         raise InputError("normalized_error_squared: the belief has no error in some direction")
-    return float(np.sum(np.linalg.solve(belief.factor, belief.mean - truth) ** 2))
+    return float(np.sum(solve_square(belief.factor, belief.mean - truth) ** 2))
 
 
 def _cost(belief: Belief, point: Array, psi: Array, measure: Measure, R: Array) -> float:
     """Twice the negative log posterior at a point of the prior's span."""
-    away, *_ = np.linalg.lstsq(belief.factor, point - belief.mean, rcond=None)
+    away = whiten(belief.factor, point - belief.mean)
     value, _ = measure(point)
     whitened = solve_lower(np.asarray(np.linalg.cholesky(R), dtype=np.float64), psi - value)
-    return float(np.sum(away**2) + np.sum(whitened**2))
+    with np.errstate(over="ignore"):
+        cost = float(np.sum(away**2) + np.sum(whitened**2))
+    return cost if np.isfinite(cost) else np.inf  # an overflow is no minimum

@@ -13,7 +13,7 @@ from nebosvod.errors import InputError
 from nebosvod.estimation.estimate import Estimate
 from nebosvod.estimation.partition import Partition
 from nebosvod.estimation.problem import LinearProblem, Markov, White
-from nebosvod.estimation.square_root import solve_rows, solve_square
+from nebosvod.estimation.square_root import solve_covariance, solve_rows, solve_square
 from nebosvod.estimation.whitening import Whitener, raw_rows
 
 Array = npt.NDArray[np.float64]
@@ -47,6 +47,10 @@ def refine(problem: LinearProblem, estimate: Estimate, name: str) -> NuisanceEst
     InputError
         If there is no such nuisance, it is not estimated, or shares a measurement with a time-correlated one.
 
+    Notes
+    -----
+    z = z(v) - z(H) (x - xbar): v is the residual after the assumed means xbar, so the estimate counts from there too.
+
     References
     ----------
     Guo, Ivashkin 2018, section 2.2: K_z = (iQ + H_z^T iR H_z)^-1 + g K g^T, K_xz = -K g^T; the time-correlated
@@ -69,7 +73,7 @@ def refine(problem: LinearProblem, estimate: Estimate, name: str) -> NuisanceEst
     g = answer[:, :, :size]
     cross = -np.einsum("st,nqt->nsq", estimate.K_formal, g)
     return NuisanceEstimate(
-        mean=answer[:, :, size] - g @ estimate.mean,
+        mean=answer[:, :, size] - g @ (estimate.mean - partition.mean),
         covariance=P - np.einsum("nqs,nsr->nqr", g, cross),
         cross=cross,
     )
@@ -110,7 +114,7 @@ def _markov(markov: Markov, L: Array, columns: Array) -> tuple[Array, Array]:
         mean[k] = ahead_mean[k] + gain @ (whitened[k] - H[k] @ ahead_mean[k])
         P[k] = keep @ ahead_P[k] @ keep.T + gain @ gain.T
     for k in range(n - 2, -1, -1):
-        J = np.linalg.lstsq(ahead_P[k + 1], markov.F[k + 1] @ P[k], rcond=None)[0].T
+        J = solve_covariance(ahead_P[k + 1], markov.F[k + 1] @ P[k]).T
         mean[k] += J @ (mean[k + 1] - ahead_mean[k + 1])
         keep = np.eye(q) - J @ markov.F[k + 1]
         P[k] = keep @ P[k] @ keep.T + J @ (markov.Q[k + 1] + P[k + 1]) @ J.T

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from nebosvod.errors import InputError
 from nebosvod.estimation.problem import LinearProblem, Prior
-from nebosvod.estimation.square_root import EPS, covariance_factor
+from nebosvod.estimation.square_root import covariance_factor, left_inverse, row_units
 
 Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -139,9 +139,8 @@ def _common_source(
     draw = factor
     if prior.true_covariance is not None or n_inside < len(live):
         draw = covariance_factor(prior.truth[np.ix_(live, live)], f"prior {prior.name}")
-    unit = np.sqrt(np.einsum("kr,kr->k", factor, factor))
-    unit[unit == 0.0] = 1.0
-    inverse = _left_inverse(factor, unit)
+    unit = row_units(factor)
+    inverse = _left_inverse(factor)
     lost = draw[:n_inside] - factor @ (inverse @ draw[:n_inside])
     if np.abs(lost / unit[:, None]).max(initial=0.0) > 1e-6:
         raise InputError(
@@ -159,10 +158,8 @@ def _common_source(
     return source, factor, assert_mean[live]
 
 
-def _left_inverse(factor: Array, unit: Array) -> Array:
-    """Left inverse (r, k) of a factor (k, r) whose rows have the lengths `unit`."""
+def _left_inverse(factor: Array) -> Array:
+    """Left inverse (r, k) of a factor (k, r)."""
     if np.count_nonzero(factor) == factor.shape[0] == factor.shape[1] == np.count_nonzero(factor.diagonal()):
         return np.diag(1.0 / factor.diagonal())  # independent parameters, and the commonest case
-    # Rows are brought to correlation units first, or the cut-off of pinv would drop the small parameters.
-    inverse: Array = np.linalg.pinv(factor / unit[:, None], rcond=100 * EPS) / unit
-    return inverse
+    return left_inverse(factor)

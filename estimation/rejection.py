@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nebosvod.errors import InputError
+from nebosvod.estimation.square_root import solve_square
 from nebosvod.estimation.whitening import projected
 
 Array = npt.NDArray[np.float64]
@@ -78,11 +79,11 @@ def chi_squared(residual: Array, R: Array, H: Array, S: Array, selected: Flags) 
     round-off is not taken for a gross error.
     """
     try:
-        L = np.linalg.cholesky(R)
+        L = np.asarray(np.linalg.cholesky(R), dtype=np.float64)
     except np.linalg.LinAlgError:
         worst = int(np.argmin(np.linalg.eigvalsh(R)[:, 0]))
         raise InputError(f"rejection: the noise covariance of measurement {worst} is not positive definite") from None
-    whitened = np.linalg.solve(L, np.concatenate([residual[:, :, None], H @ S], axis=2))
+    whitened = solve_square(L, np.concatenate([residual[:, :, None], H @ S], axis=2))
     q, G = whitened[:, :, 0], whitened[:, :, 1:]
     leverage, axes = np.linalg.eigh(projected(G, np.eye(G.shape[2])[None]))
     share = np.where(selected[:, None], np.maximum(1.0 - leverage, LEAST_SHARE), 1.0 + leverage)

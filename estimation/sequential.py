@@ -22,7 +22,14 @@ from nebosvod.estimation.estimate import Estimate, Solution, Status
 from nebosvod.estimation.partition import Partition
 from nebosvod.estimation.problem import LinearProblem
 from nebosvod.estimation.sources import not_observable, prior_draws, residual_after, weak_direction
-from nebosvod.estimation.square_root import append_rows, conditioning, gram_factor, solve_lower, solve_rows
+from nebosvod.estimation.square_root import (
+    append_rows,
+    conditioning,
+    gram_factor,
+    left_inverse,
+    solve_lower,
+    solve_rows,
+)
 from nebosvod.estimation.whitening import Whitener, projected, whitened_rows
 
 Array = npt.NDArray[np.float64]
@@ -325,7 +332,7 @@ def _estimate(problem: LinearProblem, partition: Partition, sweep: _Sweep) -> Es
     for source in partition.sources:
         span = slice(first, first + source.draw.shape[1])
         factors[source.name] = np.vstack([partition.T @ sweep.common[:, span], -sweep.outside[:, span]])
-        gains[source.name] = factors[source.name] @ np.linalg.pinv(source.draw)
+        gains[source.name] = factors[source.name] @ left_inverse(source.draw)
         first = span.stop
     claim = np.asarray(np.linalg.cholesky(sweep.P), dtype=np.float64)
     condition = conditioning(np.asarray(np.linalg.qr(solve_lower(claim, np.eye(sweep.size)), mode="r")))

@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from nebosvod.errors import InputError
 from nebosvod.estimation.kalman import Belief, predict
-from nebosvod.estimation.square_root import covariance_factor, lower_factor
+from nebosvod.estimation.square_root import covariance_factor, left_inverse, lower_factor
 
 Array = npt.NDArray[np.float64]
 
@@ -38,8 +38,8 @@ def smooth(
     for k in range(count - 1, -1, -1):
         here = filtered[k]
         ahead = predict(here, F[k], Q[k], moves[k])
-        right = np.linalg.lstsq(ahead.factor, F[k] @ here.factor, rcond=None)[0]
-        J = here.factor @ np.linalg.lstsq(ahead.factor.T, right, rcond=None)[0].T
+        back = left_inverse(ahead.factor)
+        J = here.factor @ (back @ (F[k] @ here.factor)).T @ back
         noise = Q[k]
         root = np.zeros((len(here.mean), 0)) if noise is None else covariance_factor(noise, "process noise")
         keep = here.factor - J @ (F[k] @ here.factor)

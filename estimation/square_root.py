@@ -15,6 +15,7 @@ from nebosvod.errors import InputError
 Array = npt.NDArray[np.float64]
 
 EPS = float(np.finfo(np.float64).eps)
+ALIKE = 64.0  # rows and columns of a matrix whose largest elements differ less need no balancing
 OBSERVABLE_CONDITION = 1e13  # above this the smallest singular value is round-off of the largest
 
 
@@ -113,8 +114,62 @@ def solve_lower(L: Array, right: Array) -> Array:
 
 
 def solve_square(matrix: Array, right: Array) -> Array:
-    """Solve matrix x = right for a small regular matrix (s, s); LinAlgError when it is singular."""
-    return np.asarray(np.linalg.solve(matrix, right), dtype=np.float64)
+    """Solve matrix x = right for a small regular matrix (s, s) or a stack (n, s, s); LinAlgError when it is singular.
+
+    The pivots of LU depend on the units of rows and columns, so both are brought to a common size first, by powers of
+    two, which round nothing.
+    """
+    down, across = np.ones(matrix.shape[:-1]), np.ones(matrix.shape[:-1])
+    balanced = matrix
+    for _ in range(3):
+        # halfway towards a largest element of 1 in every row and column (Ruiz 2001)
+        size = np.abs(balanced)
+        rows, columns = size.max(axis=-1, initial=0.0), size.max(axis=-2, initial=0.0)
+        if rows.size and max(rows.max(), columns.max()) <= ALIKE * min(rows.min(), columns.min()):
+            break
+        down, across = down * _half_power(rows), across * _half_power(columns)
+        balanced = down[..., :, None] * matrix * across[..., None, :]
+    vector = right.ndim == matrix.ndim - 1
+    sides = right[..., None] if vector else right
+    found = across[..., None] * np.linalg.solve(balanced, down[..., None] * sides)
+    return np.asarray(found[..., 0] if vector else found, dtype=np.float64)
+
+
+def _half_power(size: Array) -> Array:
+    """The power of two nearest to 1 / sqrt(size); 1 for nothing."""
+    power: Array = np.exp2(np.rint(-0.5 * np.log2(np.where(size > 0.0, size, 1.0))))
+    return power
+
+
+def row_units(factor: Array) -> Array:
+    """Lengths (k,) of the rows of a covariance factor (k, r), the sigmas; 1 where there is no error."""
+    sigma = np.linalg.norm(factor, axis=1)
+    return np.where(sigma > 0.0, sigma, 1.0)
+
+
+def left_inverse(factor: Array) -> Array:
+    """Pseudo-inverse (r, k) of a covariance factor (k, r), its rows scaled to unit length first.
+
+    Without that the cut-off would drop the parameters whose unit makes them small.
+    """
+    unit = row_units(factor)
+    inverse: Array = np.linalg.pinv(factor / unit[:, None], rcond=100 * EPS) / unit
+    return inverse
+
+
+def whiten(factor: Array, offset: Array) -> Array:
+    """The shortest draw eta (r,) or (r, w) with factor eta = offset, for a covariance factor (k, r) of any rank."""
+    unit = row_units(factor)
+    scaled = (offset.T / unit).T
+    return np.asarray(np.linalg.lstsq(factor / unit[:, None], scaled, rcond=100 * EPS)[0], dtype=np.float64)
+
+
+def solve_covariance(P: Array, right: Array) -> Array:
+    """Solve P x = right for a covariance (k, k) of any rank, in units of its sigmas; the shortest solution there."""
+    sigma = np.sqrt(np.maximum(np.diag(P), 0.0))
+    unit = np.where(sigma > 0.0, sigma, 1.0)
+    found = np.linalg.lstsq(P / unit[:, None] / unit, (right.T / unit).T, rcond=100 * EPS)[0]
+    return np.asarray((found.T / unit).T, dtype=np.float64)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -174,8 +229,11 @@ def cholesky_rows(stack: Array, what: str) -> Array:
 
 def root_rows(stack: Array) -> Array:
     """Square factors C (n, k, k), C C^T = each covariance of a stack; singular ones are allowed."""
-    values, vectors = np.linalg.eigh(0.5 * (stack + stack.transpose(0, 2, 1)))
-    return np.ascontiguousarray(vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :])
+    sigma = np.sqrt(np.maximum(np.einsum("nkk->nk", stack), 0.0))
+    unit = np.where(sigma > 0.0, sigma, 1.0)
+    correlation = stack / unit[:, :, None] / unit[:, None, :]
+    values, vectors = np.linalg.eigh(0.5 * (correlation + correlation.transpose(0, 2, 1)))
+    return np.ascontiguousarray(unit[:, :, None] * vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :])
 
 
 def solve_rows(L: Array, rows: Array) -> None:

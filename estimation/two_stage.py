@@ -14,7 +14,7 @@ import numpy.typing as npt
 from scipy.special import gammaincinv
 
 from nebosvod.errors import GeometryError
-from nebosvod.estimation.square_root import solve_square
+from nebosvod.estimation.square_root import solve_covariance, solve_square
 
 Array = npt.NDArray[np.float64]
 
@@ -33,7 +33,7 @@ class TwoStage:
     def start(cls, x: Array, b: Array, P_xx: Array, P_b: Array, P_xb: Array | None = None) -> "TwoStage":
         """Split a joint prior: V0 = P_xb iP_b, x0 = x - V0 b, P = P_xx - V0 P_b V0^T."""
         cross = np.zeros((len(P_xx), len(P_b))) if P_xb is None else P_xb
-        V = solve_square(P_b, cross.T).T
+        V = solve_covariance(P_b, cross.T).T
         return cls(x0=x - V @ b, P=P_xx - V @ P_b @ V.T, b=np.asarray(b, dtype=np.float64), P_b=P_b, V=V)
 
     @property
@@ -167,8 +167,7 @@ class BiasTest:
     @property
     def statistic(self) -> float:
         """Drop of the cost from H0 to H1."""
-        best = np.linalg.lstsq(self.normal, self.right, rcond=None)[0]
-        return float(self.right @ best)
+        return float(self.right @ solve_covariance(self.normal, self.right))
 
     def verdict(self, false_alarm: float = 0.01) -> Literal["no bias", "bias"]:
         """Decide at a probability of false alarm."""

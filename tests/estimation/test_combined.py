@@ -177,3 +177,50 @@ def test_an_axis_aligned_grid_across_a_ridge_gives_four_to_seven_tenths_of_the_s
         assert block.effective < 30.0  # which is how `adapt` knows
         assert 0.4 < np.sqrt(along @ found @ along) < 0.7
         assert 0.4 < np.sqrt(across @ found @ across) / 0.004 < 0.7
+
+
+@pytest.mark.parametrize("reach", [4.0, 6.0])
+@pytest.mark.parametrize("points", [21, 41])
+@pytest.mark.parametrize("d", [1, 2])
+def test_a_block_that_measured_nothing_is_no_measurement(reach, points, d):
+    """A grid cut at 4 sigmas is narrower than the prior; that is not information."""
+    rng = np.random.default_rng(d)
+    prior = Belief.of(rng.normal(size=3), spd(rng, 3))
+    found = GridBlock.of_prior(prior, d, points=points, reach=reach).moments()
+    np.testing.assert_allclose(found.mean, prior.mean, atol=1e-13)
+    np.testing.assert_allclose(found.covariance, prior.covariance, rtol=1e-12, atol=1e-13)
+    assert len(equivalent_measurement(prior, found).y) == 0
+
+
+def test_three_hundred_empty_blocks_leave_the_sigma_where_it_was():
+    belief = Belief.of(np.zeros(2), np.eye(2))
+    for _ in range(300):
+        linear = equivalent_measurement(belief, GridBlock.of_prior(belief, 2).moments())
+        belief, _ = kalman.update(belief, linear.y - linear.H @ belief.mean, linear.H, linear.R)
+    np.testing.assert_allclose(np.sqrt(np.diag(belief.covariance)), 1.0, atol=1e-6)
+    np.testing.assert_allclose(belief.mean, 0.0, atol=1e-6)
+
+
+@pytest.mark.parametrize("direction", [(1.0, 0.0), (0.0, 1.0), (0.6, 0.8)])
+@pytest.mark.parametrize("field", ["slope", "plateau", "nothing"])
+def test_a_field_of_one_coordinate_gives_one_row(direction, field):
+    """A slope and a plateau (flat, then a slope) tell of one direction; a flat field of none."""
+    prior = Belief.of(np.zeros(2), np.eye(2))
+    h = {"slope": lambda s: s, "plateau": lambda s: np.maximum(s, 0.0), "nothing": np.zeros_like}[field]
+    block = GridBlock.of_prior(prior, 2, points=121)
+    block = block.update(np.array([0.7]), h(block.nodes @ direction)[:, None], np.zeros((1, 0)), np.array([[0.09]]))
+    found = equivalent_measurement(prior, block.moments())
+    if field == "nothing":
+        assert len(found.y) == 0
+        return
+    assert len(found.y) == 1
+    s = np.linspace(-8.0, 8.0, 200001)  # the other coordinate keeps its prior
+    density = np.exp(-0.5 * s**2 - 0.5 * ((0.7 - h(s)) / 0.3) ** 2)
+    mean = np.sum(density * s) / density.sum()
+    variance = np.sum(density * (s - mean) ** 2) / density.sum()
+    after, _ = kalman.update(prior, found.y - found.H @ prior.mean, found.H, found.R)
+    axis = np.array(direction)
+    assert axis @ after.mean == pytest.approx(mean, abs=2e-3)
+    assert axis @ after.covariance @ axis == pytest.approx(variance, rel=5e-3)
+    across = np.array([-axis[1], axis[0]])
+    assert across @ after.covariance @ across == pytest.approx(1.0, abs=1e-6)

@@ -124,3 +124,80 @@ def test_cost_is_chi2_at_no_deviation(make_problem):
 
     rows = whitened_rows(problem, Partition.of(problem), Whitener.of(problem))
     assert cost(problem) == pytest.approx(np.sum(rows[:, :, Partition.of(problem).n_unknowns] ** 2), rel=1e-12)
+
+
+def arctan(start, power=1.0):
+    def linearise(deviation):
+        x = start + deviation.get("x", 0.0)
+        H = np.array([[[1.0 / (1.0 + x * x)]]])
+        return LinearProblem(residual=[[-np.arctan(x)]], R=[[1.0]], blocks=(Block(name="x", names=("x",), H=H),))
+
+    return linearise
+
+
+@pytest.mark.parametrize("start", [1.4, 1.5, 2.0, 3.0, 10.0, -3.0, 1e3])
+@pytest.mark.parametrize("limit", [3, 8, 10, 20, 60])
+def test_undamped_steps_into_nowhere_have_not_converged(start, limit):
+    """Undamped Gauss-Newton on arctan doubles away from |x| > 1.39; at 1e146 its steps are short in sigmas."""
+    found = gauss_newton(arctan(start), damped=False, limit=limit)
+    assert found.status in (Status.DIVERGED, Status.ITERATION_LIMIT, Status.NOT_OBSERVABLE)
+    assert found.message == (found.estimate.message if found.estimate.solution is None else found.status.sentence)
+
+
+def test_undamped_steps_that_do_come_down_have_converged():
+    found = gauss_newton(arctan(1.2), damped=False)
+    assert found.status is Status.CONVERGED
+    assert 1.2 + found.deviation["x"] == pytest.approx(0.0, abs=1e-4)
+
+
+def test_a_gain_of_its_own_may_end_above_the_least_squares_it_began_at():
+    """Started at the minimum of the plain cost, Schmidt's gain, which knows the considered bias, has to climb."""
+    from functools import partial
+
+    from nebosvod.estimation import batch, sequential
+
+    def linearise(deviation):
+        x = 2.0 + deviation.get("x", 0.0)
+        t = np.linspace(0.0, 1.0, 12)
+        H = np.exp(0.05 * x) * np.ones(12) + t
+        observed = 20.0 * np.exp(0.05 * 2.0) + 2.0 * t + 3.0 * (t < 0.5)
+        return LinearProblem(
+            residual=(observed - 20.0 * np.exp(0.05 * x) - x * t)[:, None],
+            R=[[0.01]],
+            blocks=(
+                Block(name="x", names=("x",), H=H[:, None, None]),
+                Block(name="b", names=("b",), H=1.0 * (t < 0.5)[:, None, None], treatment="considered"),
+            ),
+            priors=(
+                Prior(name="x", names=("x",), covariance=np.array([[100.0]])),
+                Prior(name="b", names=("b",), covariance=np.array([[9.0]])),
+            ),
+        )
+
+    least = gauss_newton(linearise, solve=batch.solve)
+    found = gauss_newton(
+        linearise, start=least.deviation, solve=partial(sequential.solve, gain="schmidt"), damped=False
+    )
+    assert found.status is Status.CONVERGED
+    assert found.cost[-1] > 1.5 * found.cost[0]
+    assert abs(found.deviation["x"]) < 0.3 * abs(least.deviation["x"])  # the bias did not fool it
+
+
+@pytest.mark.parametrize("damped", [True, False])
+def test_a_step_out_of_the_domain_is_no_exception(damped):
+    """log x from 3 towards 0.01: the first step leads to a negative x, where the model does not exist."""
+
+    def linearise(deviation):
+        x = 3.0 + deviation.get("x", 0.0)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            value = np.log(x)
+        block = Block(name="x", names=("x",), H=np.array([[[1.0 / x]]]))
+        return LinearProblem(residual=[[np.log(0.01) - value]], R=[[1.0]], blocks=(block,))
+
+    found = gauss_newton(linearise, damped=damped, limit=40)
+    if damped:
+        assert found.status is Status.CONVERGED
+        assert 3.0 + found.deviation["x"] == pytest.approx(0.01, rel=1e-3)
+    else:
+        assert found.status is Status.DIVERGED
+        assert found.deviation["x"] == 0.0

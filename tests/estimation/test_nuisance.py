@@ -27,6 +27,32 @@ def test_refined_nuisance_equals_the_one_carried_explicitly(make_problem, z):
         np.testing.assert_allclose(found.cross[i], K[:s, s:], atol=1e-11)
 
 
+@pytest.mark.parametrize("z", ["white", "markov"])
+@pytest.mark.parametrize("bias", ["estimated", "considered"])
+def test_a_refined_nuisance_counts_from_the_assumed_means(make_problem, z, bias):
+    """Priors about means that are not zero: g acts on the estimate minus the mean its residual was taken about."""
+    rng = np.random.default_rng(8)
+    problem = make_problem(seed=5, n=12, z=z, state_prior="own", treatments={"bias": bias})
+    priors = tuple(replace(prior, mean=3.0 * rng.normal(size=len(prior.names))) for prior in problem.priors)
+    problem = replace(problem, priors=priors)
+    nuisance = (problem.white or problem.markov)[0]
+    found = refine(problem, batch.solve(problem), nuisance.name)
+    explicit, names = _explicit(problem, nuisance)
+    whole = batch.solve(explicit)
+    for i in range(len(nuisance.rows)):
+        np.testing.assert_allclose(found.mean[i], [whole.value(name) for name in names[3 * i : 3 * i + 3]], atol=1e-9)
+    # and by dense algebra: z = Q H^T iV (v - H x), V the noise with z in it
+    if z == "white":
+        x = dict(zip(whole.names + whole.left_out, [*whole.mean, *whole.solution.mean_left_out]))
+        for i, k in enumerate(nuisance.rows):
+            v = problem.residual[k] - sum(
+                block.H[k] @ np.array([x[name] for name in block.names]) for block in problem.blocks
+            )
+            H, Q = nuisance.H[i], nuisance.Q[0]
+            z_k = Q @ H.T @ np.linalg.solve(H @ Q @ H.T + problem.R[k], v)
+            np.testing.assert_allclose(found.mean[i], z_k, atol=1e-9)
+
+
 def _explicit(problem, nuisance):
     """The problem with the nuisance as a block of its own and its full covariance in time as the prior."""
     n_r = len(nuisance.rows)
