@@ -20,7 +20,7 @@ from typing import Any, NoReturn
 import click
 
 from nebosvod import __version__
-from nebosvod.errors import InputError, NebosvodError
+from nebosvod.errors import InputError, NebosvodError, notes_of
 
 EXIT_QUALITY, EXIT_INPUT, EXIT_ENVIRONMENT, EXIT_INTERNAL, EXIT_INTERRUPTED = 1, 2, 3, 4, 130
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
@@ -389,6 +389,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         if debug:
             raise
         click.echo(f"error: {error}" if "\n" not in str(error) else str(error), err=True)
+        for note in notes_of(error):
+            click.echo(f"notice: {note}", err=True)
         return error.exit_code
     except click.ClickException as error:
         error.show()

@@ -4,7 +4,8 @@ A message says where, what was found, what is allowed and what to do next. Wrong
 numerical failure inside a run is a status of the result, not an exception.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 
 
 def counted(number: int, noun: str) -> str:
@@ -23,6 +24,23 @@ class NebosvodError(Exception):
     """Base of all errors of this package."""
 
     exit_code = 4
+
+
+@contextmanager
+def noting(notices: Sequence[str]) -> Iterator[None]:
+    """Give an error on its way out what a user should know of the files, whatever the outcome (PEP 678 notes)."""
+    try:
+        yield
+    except NebosvodError as error:
+        for notice in notices:
+            if notice not in getattr(error, "__notes__", ()):
+                error.add_note(notice)
+        raise
+
+
+def notes_of(error: BaseException) -> tuple[str, ...]:
+    """What `noting` gave to an error."""
+    return tuple(getattr(error, "__notes__", ()))
 
 
 class InputError(NebosvodError, ValueError):

@@ -13,6 +13,7 @@ from nebosvod.dynamics.constants import SOLAR_IRRADIANCE_W_M2
 from nebosvod.estimation import ellipse
 from nebosvod.estimation.square_root import lower_factor
 from nebosvod.fitting import Fit
+from nebosvod.observation.sites import GroundSite
 from nebosvod.predictions import M_PER_KM, SIGMAS
 from nebosvod.prior import STATE_NAMES, PriorTable
 from nebosvod.scene import Scene
@@ -214,6 +215,8 @@ def _warnings(scene: Scene, fits: Sequence[Fit], findings: Findings) -> list[str
         if drawn.get("misleads"):
             said.append(f"{row['estimator']}: {row['name']}, by orbits drawn and propagated: {drawn['statement']}")
     for telescope, seen in zip(scene.telescopes, scene.visibilities):
+        if isinstance(telescope.spacecraft, GroundSite):
+            said += [f"{telescope.name}: {text}" for text in telescope.spacecraft.notices(scene.epoch, seen.t_s)]
         if not seen.visible.any():
             said.append(f"{telescope.name} never sees the object: {seen.explain()}")
     for fit in fits:

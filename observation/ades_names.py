@@ -17,8 +17,16 @@ NAMES = frozenset((
     "sigRA", "sigDec", "sigCorr", "sigTime", "biasRA", "biasDec", "biasTime", "photProd", "resMag", "selPhot",
     "sigMag", "biasMag", "photMod", "resDelay", "selDelay", "sigDelay", "resDoppler", "selDoppler", "sigDoppler",
 ))  # fmt: skip
+OLD_VERSION = "2017"
 RECORDS = ("optical", "offset", "occultation", "radar")
 BY_LOWER_CASE = {name.lower(): name for name in NAMES}
+
+
+def about_version(file: str, version: str) -> tuple[str, ...]:
+    """What a user should know about the version a file states, "" if it states none."""
+    if version == OLD_VERSION:
+        return (f"{file} is ADES {version}: its names mean the same in 2022, the version now in use",)
+    return () if version else (f'{file} does not say its version ("# version=2022")',)
 
 
 def suggestion(name: str) -> str:

@@ -7,10 +7,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from nebosvod.observation.ades_cells import Cells
-from nebosvod.observation.ades_names import BY_LOWER_CASE, NAMES, VERSIONS, suggestion
+from nebosvod.observation.ades_names import BY_LOWER_CASE, NAMES, VERSIONS, about_version, suggestion
+from nebosvod.observation.header_stations import unlike
 from nebosvod.observation.source_file import SourceFile, printable
 
 NAME = re.compile(r"[A-Za-z_]\w*")
+HEADER_STATION = re.compile(r"!\s*mpcCode\s+(\w{3,4})", re.ASCII)
 VERSION = re.compile(r"#\s*version\s*=\s*(.*?)\s*")
 
 
@@ -21,6 +23,7 @@ class _Tables:
     source: SourceFile
     line: list[int] = field(default_factory=list)
     columns: dict[str, list[str]] = field(default_factory=dict)
+    header_station: list[str] = field(default_factory=list)
 
     def header(self, number: int, cells: list[str]) -> list[str]:
         """The names of a header line, noting what is wrong with them."""
@@ -37,8 +40,8 @@ class _Tables:
         self.source.refuse_problems()
         return cells
 
-    def row(self, number: int, names: list[str], cells: list[str]) -> None:
-        """Take one record."""
+    def row(self, number: int, names: list[str], cells: list[str], station: str = "") -> None:
+        """Take one record, below a header that names an observatory or none."""
         if len(cells) != len(names):
             self.source.problem(
                 number,
@@ -48,6 +51,7 @@ class _Tables:
             return
         n = len(self.line)
         self.line.append(number)
+        self.header_station.append(station)
         for name, text in zip(names, cells):
             if name not in self.columns:
                 self.columns[name] = [""] * n
@@ -61,8 +65,12 @@ class _Tables:
         self.source.refuse_problems()
         if not self.line:
             raise self.source.error(1, "no observations in this file")
+        stations = unlike(self.source.name, self.line, self.header_station, self.columns.get("stn", []))
         return Cells(
-            source=self.source, line=np.array(self.line, dtype=np.int64), columns=self.columns, notices=notices
+            source=self.source,
+            line=np.array(self.line, dtype=np.int64),
+            columns=self.columns,
+            notices=(*notices, *stations),
         )
 
 
@@ -93,23 +101,27 @@ def psv_cells(source: SourceFile) -> Cells:
     """
     tables = _Tables(source)
     names: list[str] | None = None
-    version = ""
+    version = station = ""
     for number, line in enumerate(source.text.split("\n"), start=1):
         text = line.strip()
         if text.startswith("#"):
             names = None
+            if text[1:].strip() == "observatory":
+                station = ""
             if stated := VERSION.fullmatch(text):
                 version = stated[1]
                 if version not in VERSIONS:
                     told = printable(version, 20)
                     raise source.error(number, f'version "{told}" of ADES; allowed: {" and ".join(VERSIONS)}')
+        elif code := HEADER_STATION.fullmatch(text):
+            station = code[1]
         elif text and not text.startswith("!"):
             cells = [cell.strip() for cell in text.split("|")]
             if names is None or ("obsTime" in cells and all(NAME.fullmatch(cell) for cell in cells)):
                 names = tables.header(number, cells)
             else:
-                tables.row(number, names, cells)
-    return tables.cells(() if version else (f'{source.name} does not say its version ("# version=2022")',))
+                tables.row(number, names, cells, station)
+    return tables.cells(about_version(source.name, version))
 
 
 def csv_cells(source: SourceFile) -> Cells:

@@ -6,8 +6,9 @@ from xml.parsers import expat
 import numpy as np
 
 from nebosvod.observation.ades_cells import Cells
-from nebosvod.observation.ades_names import NAMES, RECORDS, VERSIONS, suggestion
+from nebosvod.observation.ades_names import NAMES, RECORDS, VERSIONS, about_version, suggestion
 from nebosvod.observation.ades_psv import missing
+from nebosvod.observation.header_stations import unlike
 from nebosvod.observation.source_file import SourceFile, printable
 
 MAX_DEPTH = 32
@@ -34,6 +35,8 @@ class _Reader:
         self.record: dict[str, str] = {}
         self.records: list[dict[str, str]] = []
         self.line: list[int] = []
+        self.version = self.station = ""  # as the header says
+        self.header_station: list[str] = []
 
     @property
     def here(self) -> int:
@@ -55,11 +58,16 @@ class _Reader:
         elif not self.inside and name in RECORDS:
             self.inside, self.record = self.depth, {}
             self.line.append(self.here)
+            self.header_station.append(self.station)
+        elif name == "mpcCode":
+            self.field, self.text, self.length = name, [], 0
+        elif name in ("obsBlock", "observatory"):
+            self.station = ""
 
     def root(self, name: str, attributes: dict[str, str]) -> None:
         if name != "ades":
             raise self.source.error(self.here, f'the root element is "{printable(name, 60)}"; allowed: ades')
-        version = attributes.get("version", "")
+        version = self.version = attributes.get("version", "")
         if version not in VERSIONS:
             told = printable(version, 20)
             raise self.source.error(self.here, f'version "{told}" of ADES; allowed: {" and ".join(VERSIONS)}')
@@ -72,7 +80,8 @@ class _Reader:
         self.field, self.text, self.length = name, [], 0
 
     def characters(self, text: str) -> None:
-        if self.inside and self.depth == self.inside + 1:
+        in_header = not self.inside and self.field == "mpcCode"
+        if in_header or (self.inside and self.depth == self.inside + 1):
             self.length += len(text)
             if self.length > LONGEST_TEXT:
                 raise self.source.error(self.here, f'element "{printable(self.field, 60)}" is longer than any value')
@@ -85,6 +94,8 @@ class _Reader:
         elif self.depth == self.inside:
             self.close_record(name)
             self.inside = 0
+        elif not self.inside and name == self.field == "mpcCode":
+            self.station, self.field = "".join(self.text).strip(), ""
         self.depth -= 1
 
     def close_record(self, name: str) -> None:
@@ -116,8 +127,13 @@ def xml_cells(source: SourceFile) -> Cells:
     if not reader.records:
         raise source.error(1, "no observations in this file")
     names = sorted({name for record in reader.records for name in record})
+    stations = [record.get("stn", "") for record in reader.records]
     return Cells(
         source=source,
         line=np.array(reader.line, dtype=np.int64),
         columns={name: [record.get(name, "") for record in reader.records] for name in names},
+        notices=(
+            *about_version(source.name, reader.version),
+            *unlike(source.name, reader.line, reader.header_station, stations),
+        ),
     )

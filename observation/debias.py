@@ -55,7 +55,7 @@ def debias(astrometry: Astrometry, table_path: str | Path | None = None) -> tupl
         which[astrometry.catalogue == name] = number
     biased = np.flatnonzero(which >= 0)
     if table_path is None:
-        return correction, _untouched(biased.size)
+        return correction, (*_untouched(biased.size), *_unknown(astrometry, which))
     path = Path(table_path)
     with contextlib.ExitStack() as stack:
         try:
@@ -68,15 +68,9 @@ def debias(astrometry: Astrometry, table_path: str | Path | None = None) -> tupl
         DAYS_A_YEAR
     )
     correction[biased] = (values[:, :2] + 1e-3 * years[:, None] * values[:, 2:]) * ARCSEC_RAD
-    unknown = int(np.sum((which < 0) & ~np.isin(astrometry.catalogue, list(UNBIASED))))
     taken = counted(biased.size, "observation")
-    told = [f"catalogue biases (Eggl et al. 2020, {nside} pixels a side) taken off {taken}"]
-    if unknown:
-        naming = "names" if unknown == 1 else "name"
-        told.append(
-            f"{counted(unknown, 'observation')} {naming} no star catalogue, or one whose biases are unknown: left alone"
-        )
-    return correction, tuple(told)
+    told = f"catalogue biases (Eggl et al. 2020, {nside} pixels a side) taken off {taken}"
+    return correction, (told, *_unknown(astrometry, which))
 
 
 def ring_pixel(nside: int, psi: Array) -> Rows:
@@ -116,6 +110,20 @@ def _untouched(biased: int) -> tuple[str, ...]:
         f"{counted(biased, 'observation')} {were} measured against star catalogues with known biases (up to 1 arcsec), "
         "which are not taken off: give the table of Eggl et al. (2020), bias.dat of ssd.jpl.nasa.gov/ftp/ssd/debias",
     )
+
+
+def _unknown(astrometry: Astrometry, which: Rows) -> tuple[str, ...]:
+    """Sentences about observations that name no star catalogue, and those whose catalogue has no known biases."""
+    told, other = [], astrometry.catalogue[(which < 0) & ~np.isin(astrometry.catalogue, list(UNBIASED))]
+    nameless, names = int(np.sum(other == "")), sorted(set(other.tolist()) - {""})
+    if nameless:
+        naming = "names" if nameless == 1 else "name"
+        told.append(f"{counted(nameless, 'observation')} {naming} no star catalogue: its biases are left in them")
+    if names:
+        listing = ", ".join(names[:6]) + (", ..." if len(names) > 6 else "")
+        number = counted(other.size - nameless, "observation")
+        told.append(f"{number} by star catalogues whose biases are not known ({listing}): left as they are")
+    return tuple(told)
 
 
 def _nside(file: BinaryIO, path: Path) -> int:

@@ -17,7 +17,7 @@ import erfa
 import numpy as np
 import numpy.typing as npt
 
-from nebosvod.errors import DataError
+from nebosvod.errors import DataError, counted
 from nebosvod.observation.contracts import Array
 from nebosvod.observation.universal_time import ut1_jd
 from nebosvod.timescale import Epoch
@@ -58,16 +58,17 @@ class Orientation:
         """What stands in for the tables, with the size of its error; empty if they cover every date."""
         told = []
         if self.before.any():
+            times = counted(int(self.before.sum()), "time")
             told.append(
-                f"{int(self.before.sum())} times before 1962, the first year of the Earth-orientation table: UT1 is "
+                f"{times} before 1962, the first year of the Earth-orientation table: UT1 is "
                 "taken as the time the clocks showed, and no polar motion (sites good to about 50 m)"
             )
         if self.after.any():
             error_m = UT1_DRIFT_S_DAY * self.beyond_days * EQUATOR_KM_S * 1e3
+            times = counted(int(self.after.sum()), "time")
             told.append(
-                f"{int(self.after.sum())} times up to {self.beyond_days:.0f} d after the end of the Earth-orientation "
-                f"table: its last values are kept (sites good to about {max(error_m, 1.0):.0f} m); "
-                "update astropy-iers-data"
+                f"{times} up to {self.beyond_days:.0f} d after the end of the Earth-orientation table: its last values "
+                f"are kept (sites good to about {max(error_m, 1.0):.0f} m); update astropy-iers-data"
             )
         return tuple(told)
 

@@ -12,10 +12,12 @@ from types import MappingProxyType
 
 import numpy as np
 
+from nebosvod.errors import counted
 from nebosvod.observation import mpc80_codes, obscodes
 from nebosvod.observation.contracts import Array
 from nebosvod.observation.designations import NO_SATELLITES, Designation, from_columns, is_satellite
 from nebosvod.observation.earth_orientation import table_span
+from nebosvod.observation.header_stations import unlike
 from nebosvod.observation.mpc80_columns import BLANK, MINUS, PLUS, decimals, distinct, integer, sexagesimal
 from nebosvod.observation.mpc80_lines import RecordLines, record_lines
 from nebosvod.observation.mpc80_places import positions
@@ -89,7 +91,12 @@ def parse(source: SourceFile) -> Astrometry:
         band=band,
         discovery=head[:, 12] == ord("*"),
         left_out=MappingProxyType(left_out),
-        notices=(*dropped, *(told(reason, number) for reason, number in left_out.items())),
+        notices=(
+            *dropped,
+            *_headers(records, station),
+            *_unknown_catalogues(records, catalogues, which_catalogue),
+            *(told(reason, number) for reason, number in left_out.items()),
+        ),
         other_names=MappingProxyType(called),
     )
     return without_repeats(table)
@@ -102,6 +109,23 @@ def _stations(records: RecordLines) -> Texts:
         if not obscodes.known(code):
             records.wrong(which == k, lambda _, code=code: f'columns 78-80 "{code}": {obscodes.unknown(code)}')  # type: ignore[misc]
     return np.array(codes)[which]
+
+
+def _unknown_catalogues(records: RecordLines, codes: list[str], which: Rows) -> tuple[str, ...]:
+    """A notice of letters in column 72 that stand for no star catalogue of the MPC's table."""
+    strange = [k for k, code in enumerate(codes) if code.strip() and code not in mpc80_codes.CATALOGUES]
+    if not strange:
+        return ()
+    letters, number = ", ".join(f'"{codes[k]}"' for k in strange), int(np.isin(which, strange).sum())
+    text = (
+        f"{counted(number, 'record')} with a star catalogue in column 72 that is not known ({letters}); taken as none"
+    )
+    return (f"{records.source.name}: {text}",)
+
+
+def _headers(records: RecordLines, station: Texts) -> tuple[str, ...]:
+    """Notices of headers that name another observatory than the records below them."""
+    return unlike(records.source.name, records.line[records.first].tolist(), records.header_station, station.tolist())
 
 
 def _designations(records: RecordLines) -> tuple[list[Designation], Rows, list[str]]:

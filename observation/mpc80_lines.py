@@ -10,6 +10,8 @@ from nebosvod.observation.mpc80_columns import BLANK, WIDTH, Columns, lines_of
 from nebosvod.observation.records import Flags, Rows
 from nebosvod.observation.source_file import SourceFile
 
+CODE = np.frombuffer(b"COD ", dtype=np.uint8)  # the header line that names the observatory
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RecordLines:
@@ -21,6 +23,7 @@ class RecordLines:
     first: Rows
     second: Rows
     left_out: dict[str, int]
+    header_station: list[str]  # of each first line, by the header above it; "" where none names one
 
     @property
     def head(self) -> Columns:
@@ -54,9 +57,20 @@ def record_lines(source: SourceFile) -> RecordLines:
             "(was the line cut or shifted?)",
         )
     source.refuse_problems()
+    named = np.flatnonzero(~keep & (rows[:, :4] == CODE).all(axis=1))
+    codes = ["", *(bytes(row[4:]).decode("ascii").strip()[:4] for row in rows[named])]
     rows, line = rows[keep], line[keep]
     first, second, left_out = _pairs(source, rows, line)
-    return RecordLines(source=source, rows=rows, line=line, first=first, second=second, left_out=left_out)
+    above = np.searchsorted(named, line[first] - 1)
+    return RecordLines(
+        source=source,
+        rows=rows,
+        line=line,
+        first=first,
+        second=second,
+        left_out=left_out,
+        header_station=[codes[k] for k in above],
+    )
 
 
 def _pairs(source: SourceFile, rows: Columns, line: Rows) -> tuple[Rows, Rows, dict[str, int]]:

@@ -71,6 +71,10 @@ class GroundSite:
             )
         return ephemeris.state_km_km_s("earth", epoch, t_s) + geocentric
 
+    def notices(self, epoch: Epoch, t_s: Array) -> tuple[str, ...]:
+        """What stands in for the Earth-orientation tables at these times (n,), if anything does."""
+        return ground_states(self.itrf_km, epoch, t_s)[1].notices()
+
 
 def ground_states(itrf_km: Array, epoch: Epoch, t_s: Array) -> tuple[Array, Orientation]:
     """Geocentric ICRF states (n, 6) of places (n, 3) or (3,) on the Earth, and the orientation they were turned by.

@@ -89,7 +89,7 @@ def answer(found: OrbitFit) -> Answer:
         budget=state_rows(scene, fit, worlds),
         predictions=rows,
         quantities=asked,
-        reference=None if reference is None else compared(reference, mission, amid, forces),
+        reference=None if reference is None else compared(reference, mission, estimate, amid, forces),
     )
 
 

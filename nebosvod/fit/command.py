@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 
 from nebosvod.dynamics import Ephemeris
-from nebosvod.errors import InputError, NebosvodError
+from nebosvod.errors import InputError, NebosvodError, notes_of
 from nebosvod.fit.dates import chosen_dates
 from nebosvod.fit.outcome import every, fitted, mission_of, objects
 from nebosvod.fit.terminal import print_fit, print_line
@@ -72,7 +72,7 @@ def fit_every(
     for name, found in every(mission, ephemeris, say, export=export):
         if isinstance(found, NebosvodError):
             failed = True
-            click.echo(f"{name}: {found}", err=True)
+            click.echo("\n".join((f"{name}: {found}", *(f"notice: {note}" for note in notes_of(found)))), err=True)
             continue
         own = folder / slug(name, "object")
         with RunFolder(own, overwrite=overwrite) as target:

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nebosvod.dynamics import Ephemeris, ForceModel, propagate
-from nebosvod.errors import CoverageError, EventError, GeometryError, InputError, counted
+from nebosvod.errors import CoverageError, EventError, GeometryError, InputError, counted, noting
 from nebosvod.estimation import Status
 from nebosvod.estimation.rejection import Thresholds
 from nebosvod.estimation.square_root import covariance_factor
@@ -84,7 +84,8 @@ def fit_object(
     say(f"{designation}: placing {counted(len(records), 'observation')} of {counted(len(records.stations), 'station')}")
     material = prepare(records, mission, ephemeris)
     thresholds = thresholds_of(mission)
-    epoch, state, chosen, origin = _first_orbit(material, mission, ephemeris, thresholds, say)
+    with noting(material.notices):
+        epoch, state, chosen, origin = _first_orbit(material, mission, ephemeris, thresholds, say)
     resolved = mission.of(designation, material.names, epoch, state)
     forces = force_model(resolved, ephemeris)
     priors = prior_table(resolved, forces, _prior_mean(mission, resolved, forces, state))

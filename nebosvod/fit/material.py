@@ -221,5 +221,11 @@ def _clocks(records: Astrometry, ground_s: Array, night_count: npt.NDArray[np.in
 
 def _spacecraft(mission: FitMission) -> Mapping[str, Spacecraft]:
     """Trajectories given for stations."""
-    carriers = mission.fit.spacecraft.items()
-    return MappingProxyType({code: SPACECRAFT[type(orbit)](orbit, mission) for code, orbit in carriers})
+    found = ((code, carrier_of(mission, code)) for code in mission.fit.spacecraft)
+    return MappingProxyType({code: carrier for code, carrier in found if carrier is not None})
+
+
+def carrier_of(mission: FitMission, code: str) -> Spacecraft | None:
+    """The trajectory given for a station, if one is."""
+    orbit = mission.fit.spacecraft.get(code)
+    return None if orbit is None else SPACECRAFT[type(orbit)](orbit, mission)

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from nebosvod.dynamics import ForceModel, Nongrav, Trajectory, propagate
 from nebosvod.dynamics.elements import cometary_to_state, state_to_cometary, state_to_keplerian
-from nebosvod.errors import GeometryError
+from nebosvod.errors import CoverageError, EventError, GeometryError
 from nebosvod.estimation import Estimate, lower_factor
 from nebosvod.mission import FitMission
 from nebosvod.mission.fit import Reference
@@ -111,14 +111,30 @@ def elements_block(orbit: OrbitAt) -> dict[str, Any] | None:
     return block
 
 
-def compared(reference: Reference, mission: FitMission, orbit: OrbitAt, forces: ForceModel) -> dict[str, Any]:
-    """How far a fitted orbit is from a reference orbit, in sigmas, at the epoch of the fit.
+def compared(
+    reference: Reference, mission: FitMission, estimate: Estimate, fitted: OrbitAt, forces: ForceModel
+) -> dict[str, Any]:
+    """How far a fitted orbit is from a reference orbit, in sigmas, at the epoch of the reference.
+
+    Each orbit is carried by its own forces alone: the fitted one, with its covariance, to the epoch of the reference,
+    whose numbers stand as they are. Where the fitted orbit does not reach so far (an impact, the end of the ephemeris)
+    the reference is carried to the epoch of the fit by the forces that came with it.
+
+    Parameters
+    ----------
+    fitted : the fitted orbit at its epoch; forces : of the fit, at the values it found.
 
     Notes
     -----
     chi^2 = d^T K^-1 d with the difference d of the states, 6 degrees of freedom. The two orbits rest on the same
     observations as a rule, so their difference should be well below the sigma of either: chi^2 far below 6.
     """
+    at = reference.orbit.epoch
+    try:
+        along = propagate(fitted.state, fitted.epoch, [at - fitted.epoch], forces)
+        orbit = orbit_at(estimate, along, at - fitted.epoch)
+    except (EventError, CoverageError):
+        orbit = fitted
     theirs, carried = _reference_state(reference, mission, orbit, forces)
     difference = orbit.state - theirs
     whitened = np.linalg.solve(orbit.S, difference)
@@ -143,7 +159,7 @@ def compared(reference: Reference, mission: FitMission, orbit: OrbitAt, forces: 
 def _reference_state(
     reference: Reference, mission: FitMission, orbit: OrbitAt, forces: ForceModel
 ) -> tuple[Array, Array | None]:
-    """State (6,) of the reference at the epoch of the fit, and the factor (6, 6) of its covariance, if it has one."""
+    """State (6,) of the reference at the epoch of an orbit, and the factor (6, 6) of its covariance, if it has one."""
     shaped = mission.model_copy(update={"object": mission.object.model_copy(update={"orbit": reference.orbit})})
     gm = orbit.gm_sun_km3_s2
     start = orbit_state(shaped, gm)
@@ -173,9 +189,9 @@ def _reference_state(
 
 
 def _own_forces(reference: Reference, forces: ForceModel) -> ForceModel:
-    """The forces of the fit with the non-gravitational values that came with the reference orbit, if any did."""
+    """The forces of the fit with the non-gravitational values that came with the reference orbit, and no others."""
     if not isinstance(reference.orbit, SbdbOrbit):
-        return replace(forces, parameters=())
+        return replace(forces, parameters=(), nongrav=None)
     values: Mapping[str, float] = {
         f"{label.lower()}_au_d2": reference.orbit.nongrav_value(label) or 0.0 for label in ("A1", "A2", "A3")
     }

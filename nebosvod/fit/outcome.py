@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from nebosvod.dynamics import Ephemeris
-from nebosvod.errors import InputError, NebosvodError
+from nebosvod.errors import InputError, NebosvodError, noting
 from nebosvod.fit.answer import Answer, answer
 from nebosvod.fit.engine import fit_object
 from nebosvod.fit.export import exports
@@ -57,7 +57,9 @@ def objects(mission: FitMission, split: bool) -> Iterator[Astrometry]:
         for name in records.objects:
             yield records.of(name)
         return
-    yield one_object(records, designations, SPLIT_HINT)
+    with noting(records.notices):
+        mine = one_object(records, designations, SPLIT_HINT)
+    yield mine
 
 
 def fitted(
@@ -65,7 +67,10 @@ def fitted(
 ) -> tuple[Result, Answer]:
     """Fit one object and make its result; with `export`, the orbit for other programs too."""
     started = time.time()
-    found = answer(fit_object(records, mission, ephemeris, say))
+    with noting(records.notices):
+        fit = fit_object(records, mission, ephemeris, say)
+    with noting(fit.material.notices):
+        found = answer(fit)
     result = Result(
         summary=summarise(found),
         manifest=_manifest(mission, found, started),

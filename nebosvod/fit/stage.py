@@ -11,7 +11,8 @@ import numpy.typing as npt
 
 from nebosvod.assembly import Point, View
 from nebosvod.dynamics import ForceModel, Trajectory
-from nebosvod.fit.material import Material
+from nebosvod.errors import InputError
+from nebosvod.fit.material import Material, carrier_of
 from nebosvod.fit.sky import Look
 from nebosvod.impact import follow
 from nebosvod.instruments import nuisance
@@ -92,14 +93,44 @@ def scene_of(mission: FitMission, material: Material, forces: ForceModel, trajec
 
 
 def _lookouts(mission: FitMission, material: Material) -> tuple[Telescope, ...]:
-    """Places that predictions are made for and that have not observed: sites on the ground."""
+    """Places that predictions are made for and that have not observed: spacecraft by their files, sites on the ground.
+
+    A site is placed beyond the Earth-rotation table too, as those that observed are; `beyond_tables` says so.
+    """
     asked = {item.telescope for item in mission.predictions if isinstance(item, SkyPrediction)}
     found = []
     for code in sorted(asked - set(material.names)):
-        site = obscodes.codes()[code]
-        place = GroundSite.from_parallax(np.radians(float(site["Longitude"])), float(site["cos"]), float(site["sin"]))
+        place = carrier_of(mission, code) or _site(code)
         found.append(Telescope(name=code, spacecraft=place, sigma_rad=1.0))
     return tuple(found)
+
+
+def _site(code: str) -> GroundSite:
+    """A station on the ground, by the constants of the Minor Planet Center.
+
+    Raises
+    ------
+    InputError
+        If it has no fixed place.
+    """
+    site = obscodes.codes()[code]
+    if obscodes.needs_position(code):
+        raise InputError(f"{obscodes.described(code)} has no fixed place; give its trajectory under fit.spacecraft")
+    constants = (np.radians(float(site["Longitude"])), float(site["cos"]), float(site["sin"]))
+    return GroundSite.from_parallax(*constants, extrapolate=True)
+
+
+def beyond_tables(scene: Scene) -> tuple[str, ...]:
+    """What stands in for the Earth-rotation table where a prediction is asked of a site beyond its end."""
+    told = []
+    for item in scene.mission.predictions:
+        if isinstance(item, SkyPrediction):
+            telescope = next(one for one in scene.telescopes if one.name == item.telescope)
+            site = getattr(telescope.spacecraft, "carrier", telescope.spacecraft)
+            if isinstance(site, GroundSite):
+                notices = site.notices(scene.epoch, np.array([item.at - scene.epoch]))
+                told += [f"prediction {item.name} from {item.telescope}: {text}" for text in notices]
+    return tuple(told)
 
 
 def long_span(mission: FitMission, span_s: tuple[float, float]) -> tuple[tuple[float, float], float]:

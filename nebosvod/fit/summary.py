@@ -9,6 +9,7 @@ import numpy.typing as npt
 from nebosvod.fit.answer import Answer, rejected_rows, rms_arcsec, station_rows
 from nebosvod.fit.engine import OrbitFit
 from nebosvod.fit.orbit import OrbitAt, elements_block
+from nebosvod.fit.stage import beyond_tables
 from nebosvod.fit.verdict import arc_words
 from nebosvod.predictions import M_PER_KM
 from nebosvod.summary import estimator_row, mean_error_notes
@@ -79,7 +80,7 @@ def fit_block(found: Answer) -> dict[str, Any]:
         "weights": _rules(material.rule),
         "stations": station_rows(fit),
         "rejected": rejected_rows(fit),
-        "notices": list(material.notices),
+        "notices": list(dict.fromkeys((*material.notices, *beyond_tables(general.scene)))),
     }
 
 

@@ -178,7 +178,7 @@ def _reference(summary: Mapping[str, Any]) -> Iterator[str]:
     if row is None:
         return
     yield (
-        f"Against {row['name']}: {_number(row['difference_position_km'])} km apart amid the arc, "
+        f"Against {row['name']}: {_number(row['difference_position_km'])} km apart at {row['epoch_tdb']}, "
         f"chi2 {row['chi2']:.2f} for 6 by this fit's covariance"
         + (f", {row['chi2_by_reference']:.2f} by its own" if row["chi2_by_reference"] is not None else "")
     )

@@ -71,6 +71,11 @@ def _stations(mission: FitMission) -> Iterator[Complaint]:
     for path, code in named:
         if not obscodes.known(code):
             yield path, f'{obscodes.unknown(code)} (got "{shown(code, 20)}")'
+        elif path[0] == "predictions" and obscodes.needs_position(code) and code not in mission.fit.spacecraft:
+            text = (
+                f"{obscodes.described(code)} has no fixed place; give its trajectory, fit.spacecraft: {{{code}: ...}}"
+            )
+            yield path, f'{text} (got "{shown(code, 20)}")'
 
 
 def unknown(wanted: str, known: Iterable[str], what: str) -> str:

@@ -147,8 +147,8 @@ def _answers(run: RunFolder, fit: Item) -> list[tuple[str, list[Cell]]]:
     reference = run.summary["reference_orbit"]
     if reference is not None:
         said.append((f"Against {reference['name']}", [
-            Markup("{} apart at the epoch of the fit, chi² {} for 6 degrees of freedom.").format(
-                quantity(reference["difference_position_km"], "km"), number(reference["chi2"])
+            Markup("{} apart at {}, chi² {} for 6 degrees of freedom.").format(
+                quantity(reference["difference_position_km"], "km"), reference["epoch_tdb"], number(reference["chi2"])
             )
         ]))  # fmt: skip
     return said

@@ -220,3 +220,53 @@ ENTITIES = {
 def test_a_doctype_ends_the_reading_of_xml_before_anything_is_expanded(which: str) -> None:
     with pytest.raises(InputError, match=r"f\.xml:1: a DOCTYPE or entity declaration is not allowed"):
         parse_astrometry(SourceFile("f.xml", ENTITIES[which].encode()))
+
+
+XML = """<?xml version="1.0" encoding="UTF-8"?>
+<ades version="2017"><obsBlock><obsContext><observatory><mpcCode>703</mpcCode></observatory></obsContext>
+<obsData><optical><permID>3666</permID><stn>G96</stn><obsTime>2010-01-07T20:00:00Z</obsTime><ra>19.0</ra>
+<dec>5.0</dec></optical></obsData></obsBlock><obsBlock><obsContext><observatory><mpcCode>F51</mpcCode></observatory>
+</obsContext><obsData><optical><permID>3666</permID><stn>F51</stn><obsTime>2010-01-08T20:00:00Z</obsTime>
+<ra>19.0</ra><dec>5.0</dec></optical></obsData></obsBlock></ades>
+"""
+PSV = """# version=2017
+# observatory
+! mpcCode 703
+permID|stn|obsTime|ra|dec
+3666|G96|2010-01-07T20:00:00Z|19.0|5.0
+# observatory
+! mpcCode F51
+permID|stn|obsTime|ra|dec
+3666|F51|2010-01-08T20:00:00Z|19.0|5.0
+"""
+OBS80 = """COD 703
+03666         C2022 07 26.00000123 42 46.013+17 52 55.07               V     G96
+COD F51
+03666         C2022 07 27.00000123 42 46.013+17 52 55.07               V     F51
+"""
+
+
+@pytest.mark.parametrize(("text", "line"), [(XML, 3), (PSV, 5), (OBS80, 2)])
+def test_a_header_that_names_another_observatory_is_told_and_the_rows_are_used(text, line) -> None:
+    """Each block has a header of its own: the second one agrees."""
+    one = parse_astrometry(SourceFile("f", text.encode()))
+    assert one.station.tolist() == ["G96", "F51"]
+    (said,) = [notice for notice in one.notices if "the header names" in notice]
+    assert (
+        said
+        == f"f: the header names observatory 703, and 1 record from line {line} on G96; what the records say was used"
+    )
+
+
+@pytest.mark.parametrize("text", [XML, PSV])
+def test_the_old_version_of_ades_is_told(text) -> None:
+    assert any(n.startswith("f is ADES 2017") for n in parse_astrometry(SourceFile("f", text.encode())).notices)
+    new = text.replace("2017", "2022")
+    assert not any("ADES" in n for n in parse_astrometry(SourceFile("f", new.encode())).notices)
+
+
+def test_a_letter_for_no_star_catalogue_is_told() -> None:
+    strange = OBS80.splitlines()[1][:71] + "!" + OBS80.splitlines()[1][72:]
+    one = parse_astrometry(SourceFile("f", f"{strange}\n".encode()))
+    assert one.catalogue.tolist() == [""]
+    assert any('column 72 that is not known ("!")' in notice for notice in one.notices)

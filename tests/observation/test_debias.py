@@ -67,7 +67,7 @@ def test_gaia_and_unknown_catalogues_are_left_alone(tmp_path, rows) -> None:
     records = read(*(LINE.format("2005 10 09.20072", PLACES[i], letter) for i, letter in enumerate("V E")))
     correction, notices = debias(records, table(tmp_path / "bias.dat", rows))
     np.testing.assert_array_equal(correction, 0.0)
-    assert notices[1].startswith("2 observations name no star catalogue, or one whose biases are unknown")
+    assert notices[1].startswith("1 observation names no star catalogue")
 
 
 def test_without_a_table_nothing_is_taken_off_and_it_is_said() -> None:

@@ -52,7 +52,7 @@ def test_before_1960_ut1_is_what_the_clock_showed(year: float) -> None:
     ours = orientation(tt, np.zeros(1))
     assert -ours.ut1_jd[1][0] * 86400.0 == pytest.approx(known, abs=0.2)
     assert ours.x_pole_rad[0] == 0.0
-    assert "1 times before 1962" in ours.notices()[0]
+    assert "1 time before 1962" in ours.notices()[0]
 
 
 def test_universal_time_does_not_jump_where_one_source_gives_way_to_the_next() -> None:

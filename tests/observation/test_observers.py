@@ -169,7 +169,7 @@ def test_observations_before_any_table_are_placed_with_a_notice(ephemeris) -> No
             telescopes(records, ephemeris)
         return
     ours = telescopes(records, ephemeris)
-    assert "1 times before 1962" in ours.notices[0]
+    assert "1 time before 1962" in ours.notices[0]
     earth = ephemeris.position_km("earth", records.epoch, records.t_s)
     # Heidelberg at 23h 20m local-ish: where another code has it after undoing its clock (see the next test)
     assert np.linalg.norm(ours.state_km_km_s[0, :3] - earth[0]) == pytest.approx(6366.0, abs=3.0)
