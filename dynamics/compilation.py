@@ -5,13 +5,17 @@ all sources of this folder, so that an edit anywhere recompiles and a stale kern
 """
 
 import hashlib
+import warnings
 from collections.abc import Callable
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numba
 import numpy as np
 from numba.core.registry import CPUDispatcher
+
+from nebosvod.errors import NebosvodNotice
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -79,13 +83,28 @@ def exact_kernel(function: Function) -> Function:
 
 def _compiled(function: Function, cache: bool = True, **options: Any) -> Function:
     """Hand the function to numba, with the stamp of all sources on its cache."""
-    options = {"_nrt": False, **options}
-    compiled: Any = numba.njit(cache=cache, error_model="numpy", nogil=True, **options)(function)
+    options = {"_nrt": False, "error_model": "numpy", "nogil": True, **options}
+    try:
+        compiled: Any = numba.njit(cache=cache, **options)(function)
+    except RuntimeError:  # numba found no folder for its cache: neither beside the sources nor in the user's
+        compiled = numba.njit(cache=False, **options)(function)
+        _tell_without_cache()
     index: Any = getattr(getattr(compiled, "_cache", None), "_cache_file", None)
     if hasattr(index, "_source_stamp"):
         index._source_stamp = (index._source_stamp, _DIGEST)
     result: Function = compiled
     return result
+
+
+@lru_cache(maxsize=1)
+def _tell_without_cache() -> None:
+    """Say once why every start takes long."""
+    warnings.warn(
+        f"{Path(__file__).parent} is read-only and there is no cache folder, so compiled kernels cannot be kept: "
+        "every start compiles them anew, half a minute; name a folder in NUMBA_CACHE_DIR",
+        NebosvodNotice,
+        stacklevel=2,
+    )
 
 
 def is_compiled(function: Callable[..., Any]) -> bool:

@@ -13,6 +13,7 @@ import signal
 import sys
 import tempfile
 import traceback
+import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NoReturn
@@ -20,7 +21,8 @@ from typing import Any, NoReturn
 import click
 
 from nebosvod import __version__
-from nebosvod.errors import InputError, NebosvodError, notes_of
+from nebosvod.errors import InputError, NebosvodError, NebosvodNotice, notes_of
+from nebosvod.streams import patient_streams
 
 EXIT_QUALITY, EXIT_INPUT, EXIT_ENVIRONMENT, EXIT_INTERNAL, EXIT_INTERRUPTED = 1, 2, 3, 4, 130
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
@@ -384,6 +386,26 @@ def main(argv: Sequence[str] | None = None) -> int:
     except ValueError:  # not in the main thread: signals are the host program's business
         before = None
     try:
+        with patient_streams(), warnings.catch_warnings():
+            show = warnings.showwarning
+            warnings.showwarning = lambda message, kind, *place: _show_warning(show, message, kind, *place)
+            return _answered(argv, debug)
+    finally:
+        if before is not None:
+            signal.signal(signal.SIGTERM, before)
+
+
+def _show_warning(show: Callable[..., None], message: Warning | str, kind: type[Warning], *place: Any) -> None:
+    """A notice of this program is a line on stderr; any other warning is shown as Python does."""
+    if issubclass(kind, NebosvodNotice):
+        click.echo(f"notice: {message}", err=True)
+    else:
+        show(message, kind, *place)
+
+
+def _answered(argv: Sequence[str], debug: bool) -> int:
+    """Run a command; whatever goes wrong becomes a sentence and an exit code."""
+    try:
         return _invoke(argv)
     except NebosvodError as error:
         if debug:
@@ -398,14 +420,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     except (KeyboardInterrupt, click.Abort):
         click.echo("interrupted; nothing half-written is left", err=True)
         return EXIT_INTERRUPTED
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
     except OSError as error:  # what no stage turned into a sentence of its own: disk, permission, memory of the system
         if debug:
             raise
         what = f"{error.filename}: {error.strerror}" if error.filename else str(error)
         click.echo(f"error: the system refused: {what}; check disk space and permissions", err=True)
+        return EXIT_ENVIRONMENT
+    except MemoryError as error:
+        if debug:
+            raise
+        click.echo(f"error: not enough memory{f': {error}' if str(error) else ''}; ask for less at a time", err=True)
         return EXIT_ENVIRONMENT
     except Exception:  # the last resort: a file instead of a traceback
         if debug:
@@ -413,6 +437,3 @@ def main(argv: Sequence[str] | None = None) -> int:
         path = _crash_file(argv)
         click.echo(f"internal error in nebosvod {__version__}; details: {path}; please report it", err=True)
         return EXIT_INTERNAL
-    finally:
-        if before is not None:
-            signal.signal(signal.SIGTERM, before)

@@ -26,6 +26,10 @@ class NebosvodError(Exception):
     exit_code = 4
 
 
+class NebosvodNotice(UserWarning):
+    """What a user should know although the work goes on; the program shows it as one line, `notice: ...`."""
+
+
 @contextmanager
 def noting(notices: Sequence[str]) -> Iterator[None]:
     """Give an error on its way out what a user should know of the files, whatever the outcome (PEP 678 notes)."""

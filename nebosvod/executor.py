@@ -1,6 +1,6 @@
 """Tasks shared out to worker processes: results as they come, nothing left behind when anything dies.
 
-A worker is `python -m nebosvod.executor`: it reads one line that says what to open, then one task number a line, and
+A worker is a Python that runs this module: it reads one line that says what to open, then one task number a line, and
 answers each with a line. When the parent dies, however it dies, the pipe closes and the worker ends after its task.
 Workers compute on one thread each, so that a result does not depend on how many there are.
 """
@@ -11,15 +11,19 @@ import os
 import queue
 import subprocess
 import sys
+import tempfile
 import threading
 import traceback
 from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
 from typing import IO, Any
 
 from nebosvod import errors
 from nebosvod.errors import NebosvodError
 
 ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+NAME_FILES = ("NEBOSVOD_EPHEMERIS", "NUMBA_CACHE_DIR")
+BEGIN = "import runpy, sys; sys.path.append(sys.argv[1]); runpy.run_module('nebosvod.executor', run_name='__main__')"
 Reply = tuple[int, Any] | Exception | None
 
 
@@ -49,7 +53,8 @@ def run_tasks(
         waiting.put(task)
     replies: queue.SimpleQueue[Reply] = queue.SimpleQueue()
     first_line = json.dumps({"opener": opener, "argument": dict(argument)}) + "\n"
-    processes = [_start() for _ in range(min(workers, count))]
+    own = tempfile.TemporaryDirectory(prefix="nebosvod-workers-", ignore_cleanup_errors=True)
+    processes = [_start(own.name) for _ in range(min(workers, count))]
     threads = [
         threading.Thread(target=_feed, args=(process, first_line, waiting, replies), daemon=True)
         for process in processes
@@ -71,20 +76,31 @@ def run_tasks(
             if thread.ident is not None:
                 thread.join()
             _close(process)
+        own.cleanup()
 
 
-def _start() -> "subprocess.Popen[str]":
-    """A worker in a session of its own: Ctrl-C reaches the parent alone, which then ends its workers."""
+def _start(folder: str) -> "subprocess.Popen[str]":
+    """A worker in a session of its own: Ctrl-C reaches the parent alone, which then ends its workers.
+
+    It starts in an empty folder and with `-P`: no file of the user's working directory can pass for a module. The
+    place of this package comes last on its path, for a checkout that is not installed.
+    """
     return subprocess.Popen(
-        [sys.executable, "-m", "nebosvod.executor"],
+        [sys.executable, "-P", "-c", BEGIN, str(Path(__file__).resolve().parent.parent)],
+        cwd=folder,
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
         text=True,
         encoding="utf-8",
-        env=os.environ | dict.fromkeys(ONE_THREAD, "1"),
+        env=os.environ | _absolute(os.environ) | dict.fromkeys(ONE_THREAD, "1"),
         start_new_session=True,
     )
+
+
+def _absolute(environment: Mapping[str, str]) -> dict[str, str]:
+    """Variables that name files, as they are meant in the parent's folder."""
+    return {name: os.path.abspath(environment[name]) for name in NAME_FILES if environment.get(name)}
 
 
 def _close(process: "subprocess.Popen[str]") -> None:

@@ -7,6 +7,7 @@ convergence, and judged by the covariance its own estimate reports. The first as
 the second whether the linearisation is too.
 """
 
+import os
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
@@ -104,7 +105,7 @@ def validate(
             finished += 1
             progress(min(runs, finished * campaign.chunk_runs), runs)
 
-        argument = {"campaign": asdict(campaign), "folder": str(folder)}
+        argument = {"campaign": asdict(campaign), "folder": os.path.abspath(folder)}
         run_tasks("nebosvod.campaign:open_campaign", argument, missing, workers, count)
         found = summary(setting, campaign, runs, held.collected(runs))
         held.publish(json_text(found))
