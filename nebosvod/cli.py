@@ -22,7 +22,6 @@ import click
 
 from nebosvod import __version__
 from nebosvod.errors import InputError, NebosvodError, NebosvodNotice, notes_of
-from nebosvod.streams import patient_streams
 
 EXIT_QUALITY, EXIT_INPUT, EXIT_ENVIRONMENT, EXIT_INTERNAL, EXIT_INTERRUPTED = 1, 2, 3, 4, 130
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
@@ -375,6 +374,8 @@ def _invoke(argv: Sequence[str]) -> int:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program on `argv` (default: the command line) and return its exit code."""
+    from nebosvod.streams import patient_streams
+
     argv = sys.argv[1:] if argv is None else argv
     # matrices of a mission are small: threads of the linear algebra cost more than they bring, up to ten times where
     # something else runs. It is read when numpy loads; who sets it keeps it.
