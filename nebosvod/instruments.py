@@ -82,6 +82,7 @@ def kind_of(source: Source) -> tuple[str, str]:
 
 
 def _telescope(block: TelescopeBlock, carrier: Spacecraft) -> Telescope:
+    sun_altitude, altitude = block.night
     return Telescope(
         name=block.name,
         spacecraft=carrier,
@@ -91,6 +92,8 @@ def _telescope(block: TelescopeBlock, carrier: Spacecraft) -> Telescope:
         largest_sun_rad=block.exclusion.sun_max,
         exclusion_earth_rad=block.exclusion.earth,
         exclusion_moon_rad=block.exclusion.moon,
+        sun_altitude_rad=sun_altitude,
+        altitude_rad=altitude,
         limiting_magnitude=block.limiting_magnitude,
         duty=tuple((window.start, window.end) for window in block.duty),
         exposure_s=block.trailing.exposure if block.trailing is not None else 0.0,

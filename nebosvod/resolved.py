@@ -1,6 +1,6 @@
 """What a mission resolves to, in words: the output of `nebosvod check`. Loads nothing heavy."""
 
-from nebosvod.mission import Bias, Mission, Photocentre, Position, Source, Timing, estimate_cost
+from nebosvod.mission import Bias, Mission, Photocentre, Position, Source, Telescope, Timing, estimate_cost
 
 DEG = 57.29577951308232
 ARCSEC = 206264.80624709636
@@ -22,7 +22,8 @@ def describe(mission: Mission) -> str:
         noise = f"{ra:.3g} arcsec" if ra == dec else f"{ra:.3g} x {dec:.3g} arcsec"
         own = (s for s in mission.sources if s.path[0] == "telescopes" and s.telescopes == (telescope.name,))
         errors = "".join(f", {source.group} {_source(source)}" for source in own)
-        lines.append(f"telescope        {telescope.name}: {telescope.orbit.kind}, noise {noise}{errors}")
+        night = _night(telescope)
+        lines.append(f"telescope        {telescope.name}: {telescope.orbit.kind}{night}, noise {noise}{errors}")
     for source in mission.sources:
         if source.path[0] != "telescopes":
             lines.append(f"shared           {source.name}: {_source(source)}; {', '.join(source.telescopes)}")
@@ -39,6 +40,14 @@ def describe(mission: Mission) -> str:
     lines += [f"notice           {notice}" for notice in mission.notices]
     lines += [f"cost             {estimate_cost(mission)}", "the mission is valid; nothing was run"]
     return "\n".join(lines)
+
+
+def _night(telescope: Telescope) -> str:
+    """When a site on the ground observes, in words."""
+    sun, altitude = telescope.night
+    if sun is None or altitude is None:
+        return ""
+    return f" (Sun below {sun * DEG:.4g} deg, object above {altitude * DEG:.4g} deg)"
 
 
 def _forces(mission: Mission) -> str:

@@ -151,11 +151,19 @@ def _visibility(scene: Scene) -> Table:
         "magnitude": np.concatenate([one.apparent_magnitude for one in seen]),
     }
     angles = dict.fromkeys(("sun_angle", "earth_limb", "moon_limb", "phase"), "deg")
+    heights = np.concatenate([one.altitude_rad for one in seen])
+    if np.isfinite(heights).any():
+        columns |= {
+            "altitude": np.degrees(heights),
+            "sun_altitude": np.degrees(np.concatenate([one.sun_altitude_rad for one in seen])),
+        }
+        angles |= dict.fromkeys(("altitude", "sun_altitude"), "deg")
     return Table(
         columns={name: values[order] for name, values in columns.items()},
         units={"t": "s", "magnitude": "mag", **angles},
         description="Scheduled exposures: seen, or the first limit that removes them (- where none does); angles from "
-        "the Sun's centre and from the limb of Earth and Moon; V without trailing loss, nan without H and G",
+        "the Sun's centre and from the limb of Earth and Moon, altitudes at sites on the ground; V without trailing "
+        "loss, nan without H and G",
     )
 
 

@@ -71,6 +71,19 @@ class GroundSite:
             )
         return ephemeris.state_km_km_s("earth", epoch, t_s) + geocentric
 
+    @property
+    def has_horizon(self) -> bool:
+        """Whether the place is on the ground: the Earth's centre (code 500) sees everything at all times."""
+        return bool(np.linalg.norm(self.itrf_km) > MPC_EARTH_RADIUS_KM / 2.0)
+
+    def zenith(self, epoch: Epoch, t_s: Array) -> Array:
+        """Unit vectors (n, 3), ICRF, along the geodetic vertical (WGS84) of the site, upwards."""
+        longitude, latitude, _ = erfa.gc2gd(1, 1e3 * self.itrf_km)
+        across = np.cos(latitude)
+        up = np.array([across * np.cos(longitude), across * np.sin(longitude), np.sin(latitude)])
+        turned: Array = ground_states(up, epoch, t_s)[0][:, :3]
+        return turned
+
     def notices(self, epoch: Epoch, t_s: Array) -> tuple[str, ...]:
         """What stands in for the Earth-orientation tables at these times (n,), if anything does."""
         return ground_states(self.itrf_km, epoch, t_s)[1].notices()

@@ -24,6 +24,8 @@ class Telescope:
         along the apparent motion.
     exclusion_sun_rad : smallest allowed angle to the Sun's centre; None = no limit.
     exclusion_earth_rad, exclusion_moon_rad : smallest allowed angle to the limb; None = no limit.
+    sun_altitude_rad : of a ground site, the Sun must be below this altitude, without refraction; None = no limit.
+    altitude_rad : of a ground site, the target must be above this altitude; None = no limit.
     limiting_magnitude : faintest apparent V that is measured; None = no limit.
     largest_sun_rad : largest allowed angle to the Sun's centre (a field of regard is the ring between this and
         `exclusion_sun_rad`); None = no limit.
@@ -49,6 +51,8 @@ class Telescope:
     duty: tuple[tuple[Epoch, Epoch], ...] = ()
     exposure_s: float = 0.0
     fwhm_rad: float | None = None
+    sun_altitude_rad: float | None = None
+    altitude_rad: float | None = None
 
     def __post_init__(self) -> None:
         sigma = np.array(np.broadcast_to(np.asarray(self.sigma_rad, dtype=np.float64), (2,)))
@@ -62,6 +66,10 @@ class Telescope:
             angle = getattr(self, field)
             if angle is not None and not 0.0 <= angle <= np.pi:
                 raise InputError(f"telescope {self.name}: {field} must lie in [0, pi] rad (got {angle})")
+        for field in ("sun_altitude_rad", "altitude_rad"):
+            angle = getattr(self, field)
+            if angle is not None and not abs(angle) <= np.pi / 2.0:
+                raise InputError(f"telescope {self.name}: {field} must lie in [-pi/2, pi/2] rad (got {angle})")
         if self.limiting_magnitude is not None and not np.isfinite(self.limiting_magnitude):
             raise InputError(
                 f"telescope {self.name}: limiting magnitude must be finite (got {self.limiting_magnitude})"

@@ -11,6 +11,7 @@ from nebosvod.observation.contracts import Array, Ephemeris, Trajectory
 from nebosvod.observation.direction import angle_between
 from nebosvod.observation.photometry import apparent_magnitude, trailing_loss
 from nebosvod.observation.sight import Sight, sight
+from nebosvod.observation.sites import GroundSite
 from nebosvod.observation.telescope import Telescope
 
 Mask = npt.NDArray[np.bool_]
@@ -24,12 +25,15 @@ class Visibility:
     ----------
     t_s : (n,) TDB seconds after the trajectory's epoch.
     visible : (n,) no limit removes the exposure.
-    removed : for each limit ("duty", "sun", "earth", "moon", "magnitude"), (n,) whether it removes the exposure.
+    removed : for each limit ("duty", "twilight", "sun", "altitude", "earth", "moon", "magnitude"), (n,) whether it
+        removes the exposure; "twilight" and "altitude" of sites on the ground only.
     reason : (n,) the first limit, in that order, that removes the exposure; "" where visible.
     sun_angle_rad : (n,) to the Sun's centre; earth_limb_rad, moon_limb_rad : (n,) to the limb, negative on the disc.
     phase_rad : (n,) angle Sun - asteroid - telescope.
     apparent_magnitude : (n,) V without trailing loss, nan where no H, G were given.
     psi : (n, 2) astrometric RA and Dec, rad.
+    altitude_rad, sun_altitude_rad : (n,) of the target and of the Sun's centre above the horizon of a ground site
+        (geodetic vertical, no refraction); nan of any other telescope.
     """
 
     t_s: Array
@@ -42,6 +46,8 @@ class Visibility:
     phase_rad: Array
     apparent_magnitude: Array
     psi: Array
+    altitude_rad: Array
+    sun_altitude_rad: Array
 
     @property
     def counts(self) -> dict[str, int]:
@@ -86,6 +92,7 @@ def visibility(
     sun_angle, _, sun_hides = _angles("sun", line, trajectory, ephemeris)
     _, earth_limb, earth_hides = _angles("earth", line, trajectory, ephemeris)
     _, moon_limb, moon_hides = _angles("moon", line, trajectory, ephemeris)
+    altitude, sun_altitude = _altitudes(telescope, line, trajectory, ephemeris)
     phase = angle_between(-line.heliocentric_state[:, :3], -line.u)
     r_sun = np.linalg.norm(line.heliocentric_state[:, :3], axis=1)
     V = np.full(line.t_s.size, np.nan)
@@ -96,11 +103,14 @@ def visibility(
             speed = np.linalg.norm(line.rate(line.sky_partials()), axis=1)
             loss = trailing_loss(speed, telescope.exposure_s, telescope.fwhm_rad)
     limit = np.inf if telescope.limiting_magnitude is None else telescope.limiting_magnitude
+    on_the_ground = bool(np.isfinite(altitude).all())
     removed = {
         "duty": ~telescope.works(trajectory.epoch, line.t_s),
+        **({"twilight": _closer(-sun_altitude, _negative(telescope.sun_altitude_rad))} if on_the_ground else {}),
         "sun": sun_hides
         | _closer(sun_angle, telescope.exclusion_sun_rad)
-        | _closer(-sun_angle, None if telescope.largest_sun_rad is None else -telescope.largest_sun_rad),
+        | _closer(-sun_angle, _negative(telescope.largest_sun_rad)),
+        **({"altitude": _closer(altitude, telescope.altitude_rad)} if on_the_ground else {}),
         "earth": earth_hides | _closer(earth_limb, telescope.exclusion_earth_rad),
         "moon": moon_hides | _closer(moon_limb, telescope.exclusion_moon_rad),
         # nan > limit is False: without H, G the brightness limits nothing
@@ -118,6 +128,8 @@ def visibility(
         phase_rad=phase,
         apparent_magnitude=V,
         psi=line.psi,
+        altitude_rad=altitude,
+        sun_altitude_rad=sun_altitude,
     )
 
 
@@ -126,10 +138,27 @@ def _closer(angle: Array, limit: float | None) -> Mask:
     return np.zeros(angle.shape, dtype=np.bool_) if limit is None else angle < limit
 
 
+def _negative(limit: float | None) -> float | None:
+    """A limit from above as one from below of the negative angle."""
+    return None if limit is None else -limit
+
+
+def _altitudes(telescope: Telescope, line: Sight, trajectory: Trajectory, ephemeris: Ephemeris) -> tuple[Array, Array]:
+    """Altitudes (n,) of the target and of the Sun at a site on the ground, nan elsewhere."""
+    site = telescope.spacecraft
+    if not isinstance(site, GroundSite) or not site.has_horizon:
+        return np.full(line.t_s.size, np.nan), np.full(line.t_s.size, np.nan)
+    up = site.zenith(trajectory.epoch, line.t_s)
+    to_sun = ephemeris.position_km("sun", trajectory.epoch, line.t_s) - line.telescope_state[:, :3]
+    return np.pi / 2.0 - angle_between(line.u, up), np.pi / 2.0 - angle_between(to_sun, up)
+
+
 def _angles(body: str, line: Sight, trajectory: Trajectory, ephemeris: Ephemeris) -> tuple[Array, Array, Mask]:
     """Angles (n,) from the target to the body's centre and to its limb, and whether the body hides the target."""
     to_body = ephemeris.position_km(body, trajectory.epoch, line.t_s) - line.telescope_state[:, :3]
     distance = np.linalg.norm(to_body, axis=1)
+    inside = distance < 1.0  # a fictitious observer at the body's centre looks away from it and is not hidden by it
+    to_body[inside], distance[inside] = -line.u[inside], np.inf
     angle = angle_between(line.u, to_body)
     limb = angle - np.arcsin(np.minimum(RADIUS_KM[body] / distance, 1.0))
     return angle, limb, (limb < 0.0) & (line.distance_km > distance)

@@ -5,6 +5,7 @@ from typing import Annotated
 from pydantic import Field
 
 from nebosvod.mission.fields import (
+    Altitude,
     Block,
     Duration,
     KeyPath,
@@ -15,10 +16,12 @@ from nebosvod.mission.fields import (
     Text,
     When,
 )
-from nebosvod.mission.spacecraft import TelescopeOrbit
+from nebosvod.mission.spacecraft import Ground, TelescopeOrbit
 from nebosvod.mission.uncertainty import Bias, Pair, Position, Timing, one_or_pair
 
 MAX_TELESCOPES = 100
+NAUTICAL_TWILIGHT = -12.0 / 57.29577951308232  # rad, altitude of the Sun at its end: faint asteroids show
+LEAST_ALTITUDE = 20.0 / 57.29577951308232  # rad: three air masses, the usual limit of surveys
 
 
 class Noise(Block):
@@ -40,12 +43,18 @@ class Noise(Block):
 
 
 class Exclusion(Block):
-    """Where a telescope cannot look: angles from the Sun's centre and from the limb of Earth and Moon."""
+    """Where a telescope cannot look: angles from the Sun's centre, the limb of Earth and Moon, a site's horizon."""
 
     sun: Separation | None = None
     sun_max: Separation | None = Field(None, description="Farthest angle from the Sun; with sun, a field of regard")
     earth: Separation | None = None
     moon: Separation | None = None
+    sun_altitude: Altitude | None = Field(
+        None, description="Of kind ground: it observes while the Sun is below this altitude; -12 deg when absent"
+    )
+    altitude: Altitude | None = Field(
+        None, description="Of kind ground: lowest altitude of the object; 20 deg when absent"
+    )
 
     def complaints(self) -> list[tuple[KeyPath, str]]:
         """The field of regard is not empty."""
@@ -92,3 +101,19 @@ class Telescope(Block):
     limiting_magnitude: Annotated[float, Field(ge=-30.0, le=40.0)] | None = None
     trailing: Trailing | None = None
     duty: Annotated[Several[Window], Field(max_length=1000, description="Works inside these only")] = ()
+
+    def complaints(self) -> list[tuple[KeyPath, str]]:
+        """Only a site on the ground has a horizon."""
+        return [
+            (("exclusion", key), f"belongs to a telescope of kind ground (this one is {self.orbit.kind}); remove it")
+            for key in ("sun_altitude", "altitude")
+            if getattr(self.exclusion, key) is not None and not isinstance(self.orbit, Ground)
+        ]
+
+    @property
+    def night(self) -> tuple[float, float] | tuple[None, None]:
+        """Highest altitude of the Sun and lowest of the object, rad; none for a telescope that is not on the ground."""
+        if not isinstance(self.orbit, Ground):
+            return None, None
+        sun, least = self.exclusion.sun_altitude, self.exclusion.altitude
+        return NAUTICAL_TWILIGHT if sun is None else sun, LEAST_ALTITUDE if least is None else least

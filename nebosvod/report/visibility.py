@@ -19,7 +19,7 @@ from nebosvod.timescale import SECONDS_PER_DAY
 COLOURS: Mapping[str, str] = {
     "-": BLUE, "sun": ORANGE, "earth": GREEN, "moon": GREY, "magnitude": PURPLE,
     "faint": PURPLE, "limiting_magnitude": PURPLE,
-    "phase": SKY,
+    "phase": SKY, "twilight": SKY, "altitude": GREEN,
 }  # fmt: skip
 MOST = 4000  # ticks of one telescope: more cannot be told apart
 

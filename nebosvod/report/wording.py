@@ -54,6 +54,9 @@ PARAMETERS = {
 # a logarithm that is estimated in place of a quantity with a lognormal error -> that quantity
 LOGARITHMS = {"ln_radius": "radius_m", "ln_mass": "mass_kg", "ln_albedo": "albedo"}
 REMOVED = {
+    "duty": "off duty",
+    "twilight": "by day or in twilight",
+    "altitude": "too low above the horizon",
     "sun": "too near the Sun",
     "earth": "too near the Earth's limb",
     "moon": "too near the Moon",
