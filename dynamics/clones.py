@@ -22,6 +22,7 @@ from nebosvod.dynamics.model import ForceModel
 from nebosvod.dynamics.propagator import TOLERANCE, propagate
 from nebosvod.dynamics.workspace import Samples
 from nebosvod.errors import EventError, InputError, listed
+from nebosvod.quantities import bordered
 from nebosvod.timescale import Epoch
 
 Array = npt.NDArray[np.float64]
@@ -49,6 +50,7 @@ class Clones:
     lost: Mapping[int, str]
 
 
+@bordered()
 def propagate_many(
     states_km_km_s: npt.ArrayLike,
     epoch: Epoch,

@@ -17,11 +17,13 @@ import numpy.typing as npt
 
 from nebosvod.dynamics.twobody import Analytic, fictitious_time, universal
 from nebosvod.errors import GeometryError, InputError
+from nebosvod.quantities import STATE, bordered
 
 Array = npt.NDArray[np.float64]
 STEP = 1e-40  # of the complex step: its square vanishes, whatever the unit of the element
 
 
+@bordered()
 def cometary_to_state(elements: npt.ArrayLike, gm_km3_s2: float) -> tuple[Array, Array]:
     """State (6,) and its Jacobian (6, 6) by [e, q_km, tp_s, node, peri, i]; tp counts from the epoch of the state."""
     x = _six(elements, "cometary elements")
@@ -30,6 +32,7 @@ def cometary_to_state(elements: npt.ArrayLike, gm_km3_s2: float) -> tuple[Array,
     return _differentiate(lambda y: _from_cometary(y, gm_km3_s2), x)
 
 
+@bordered()
 def keplerian_to_state(elements: npt.ArrayLike, gm_km3_s2: float) -> tuple[Array, Array]:
     """State (6,) and its Jacobian (6, 6) by [a_km, e, i, node, peri, M]; a < 0 and the hyperbolic M for e > 1."""
     x = _six(elements, "keplerian elements")
@@ -40,6 +43,7 @@ def keplerian_to_state(elements: npt.ArrayLike, gm_km3_s2: float) -> tuple[Array
     return _differentiate(lambda y: _from_keplerian(y, gm_km3_s2), x)
 
 
+@bordered()
 def equinoctial_to_state(elements: npt.ArrayLike, gm_km3_s2: float) -> tuple[Array, Array]:
     """State (6,) and its Jacobian (6, 6) by [a_km, h, k, p, q, lambda]; ellipses only."""
     x = _six(elements, "equinoctial elements")
@@ -48,6 +52,7 @@ def equinoctial_to_state(elements: npt.ArrayLike, gm_km3_s2: float) -> tuple[Arr
     return _differentiate(lambda y: _from_equinoctial(y, gm_km3_s2), x)
 
 
+@bordered(state=STATE)
 def state_to_cometary(state: npt.ArrayLike, gm_km3_s2: float) -> tuple[Array, Array]:
     """[e, q_km, tp_s, node, peri, i] of a state, and the Jacobian (6, 6) of elements by state.
 
@@ -59,6 +64,7 @@ def state_to_cometary(state: npt.ArrayLike, gm_km3_s2: float) -> tuple[Array, Ar
     return _invert(_to_cometary(_six(state, "state"), gm_km3_s2), cometary_to_state, gm_km3_s2)
 
 
+@bordered(state=STATE)
 def state_to_keplerian(state: npt.ArrayLike, gm_km3_s2: float) -> tuple[Array, Array]:
     """[a_km, e, i, node, peri, M] of a state, and the Jacobian (6, 6) of elements by state.
 
@@ -76,6 +82,7 @@ def state_to_keplerian(state: npt.ArrayLike, gm_km3_s2: float) -> tuple[Array, A
     return _invert(np.array([gm_km3_s2 / beta, e, i, node, peri, -motion * tp]), keplerian_to_state, gm_km3_s2)
 
 
+@bordered(state=STATE)
 def state_to_equinoctial(state: npt.ArrayLike, gm_km3_s2: float) -> tuple[Array, Array]:
     """[a_km, h, k, p, q, lambda] of an elliptic state, and the Jacobian (6, 6) of elements by state."""
     x = _six(state, "state")

@@ -21,6 +21,7 @@ from nebosvod.dynamics.ephemeris import Ephemeris
 from nebosvod.dynamics.trajectory import Trajectory
 from nebosvod.dynamics.twobody import Analytic
 from nebosvod.errors import EventError, GeometryError, InputError
+from nebosvod.quantities import bordered
 from nebosvod.timescale import Epoch
 
 Array = npt.NDArray[np.float64]
@@ -84,6 +85,7 @@ class TargetPlane:
     capture_radius_km: float
 
 
+@bordered()
 def find_encounters(trajectory: Trajectory, body: str, within_km: float = np.inf) -> tuple[Encounter, ...]:
     """All local minima of the distance to `body` inside the span of the trajectory, in time order.
 

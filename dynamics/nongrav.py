@@ -18,6 +18,7 @@ import numpy.typing as npt
 from nebosvod.dynamics.compilation import inlined_kernel
 from nebosvod.dynamics.constants import AU_KM
 from nebosvod.errors import InputError
+from nebosvod.quantities import bordered_fields
 
 Array = npt.NDArray[np.float64]
 PARAMETERS = ("a1_au_d2", "a2_au_d2", "a3_au_d2")
@@ -28,6 +29,7 @@ WATER_ICE: Mapping[str, float] = MappingProxyType(
 )
 
 
+@bordered_fields()
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Nongrav:
     """Marsden's parameters and law.

@@ -13,6 +13,7 @@ from nebosvod.dynamics.model import ForceModel, Physics
 from nebosvod.dynamics.trajectory import Trajectory, make_trajectory
 from nebosvod.dynamics.workspace import NO_NODES, NO_SAMPLES, NO_STEPS, Steps
 from nebosvod.errors import CoverageError, EventError, InputError
+from nebosvod.quantities import bordered
 from nebosvod.timescale import Epoch
 
 Array = npt.NDArray[np.float64]
@@ -22,6 +23,7 @@ OWN_TIDE = 1e-10  # s^-2: GM/r^3 at ten radii of an asteroid of 0.4 g/cm^3
 LIGHT_TIME_MARGIN_S = 21600.0  # the light time over 43 au
 
 
+@bordered()
 def propagate(
     state_km_km_s: npt.ArrayLike,
     epoch: Epoch,

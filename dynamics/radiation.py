@@ -21,6 +21,7 @@ import numpy.typing as npt
 from nebosvod.dynamics.compilation import inlined_kernel
 from nebosvod.dynamics.constants import RADIUS_KM
 from nebosvod.errors import InputError
+from nebosvod.quantities import bordered_fields
 
 Array = npt.NDArray[np.float64]
 PARAMETERS = ("radius_m", "mass_kg", "albedo", "thermal_emission")
@@ -28,6 +29,7 @@ SHADOW_RANGE_KM = 1e7
 SUN_RADIUS_KM, EARTH_RADIUS_KM = RADIUS_KM["sun"], RADIUS_KM["earth"]
 
 
+@bordered_fields()
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RadiationPressure:
     """A sphere in sunlight.

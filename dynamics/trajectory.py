@@ -9,6 +9,7 @@ import numpy.typing as npt
 from nebosvod.dynamics.dense import StepTable
 from nebosvod.dynamics.model import ForceModel
 from nebosvod.errors import CoverageError, InputError
+from nebosvod.quantities import bordered
 from nebosvod.timescale import Epoch
 
 Array = npt.NDArray[np.float64]
@@ -71,6 +72,7 @@ class Trajectory:
         """Edges of the integration steps, ascending, seconds after the epoch."""
         return self._table.edges.copy()
 
+    @bordered()
     def at(self, t_s: npt.ArrayLike) -> "Trajectory":
         """The same trajectory at other times of the span, from the dense output.
 
@@ -83,6 +85,7 @@ class Trajectory:
             self.epoch, _inside(t_s, self._table), self.forces, self._table, self._chain, self.sensitivities
         )
 
+    @bordered()
     def state_at(self, t_s: npt.ArrayLike) -> Array:
         """Heliocentric states alone, shape (n, 6), km, km/s, at any times of the span."""
         return self._table.evaluate(_inside(t_s, self._table), variations=False)[0]
@@ -92,6 +95,7 @@ class Trajectory:
         """From the integrated columns to the parameters, shape (q, m): zeta = integrated columns @ chain."""
         return self._chain.copy()
 
+    @bordered()
     def variations_at(self, t_s: npt.ArrayLike) -> tuple[Array, Array]:
         """States (n, 6) and integrated variations (n, 6, 6 + q): Phi, then the columns that `chain` maps to zeta.
 
@@ -111,6 +115,7 @@ class Trajectory:
 
         return write_spk(self, Path(path), target, name)
 
+    @bordered()
     def to_oem(
         self, path: str | Path, *, object_name: str, object_id: str, created: str, covariance: Array | None = None
     ) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nebosvod.errors import InputError
+from nebosvod.quantities import STATE, bordered
 
 Array = npt.NDArray[np.float64]
 # A real or complex number or array: the same formula serves values and complex-step derivatives
@@ -88,6 +89,7 @@ def _solve_real(t: float, r: float, sigma: float, beta: float, gm: float) -> flo
     return float(s)
 
 
+@bordered(state=STATE)
 def kepler(state: npt.ArrayLike, t_s: npt.ArrayLike, gm_km3_s2: float) -> Array:
     """Propagate a two-body state.
 

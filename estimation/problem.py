@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from nebosvod.errors import InputError
 from nebosvod.estimation.square_root import covariance_factor
+from nebosvod.quantities import bordered_fields
 
 Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -23,6 +24,7 @@ Treatment = Literal["fixed", "ignored", "considered", "estimated"]
 TREATMENTS: tuple[Treatment, ...] = get_args(Treatment)
 
 
+@bordered_fields()
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Block:
     """Parameters common to all measurements that share one treatment: state, radius, a telescope's bias.
@@ -46,6 +48,7 @@ class Block:
         _check_treatment(self.treatment, f"block {self.name}")
 
 
+@bordered_fields()
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Prior:
     """Gaussian information on parameters by name, independent of everything else: a source of the budget.
@@ -83,6 +86,7 @@ class Prior:
         return self.covariance if self.true_covariance is None else self.true_covariance
 
 
+@bordered_fields()
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class White:
     """A nuisance drawn anew at each measurement it touches, such as a telescope's position error.
@@ -122,6 +126,7 @@ class White:
         return self.Q if self.true_Q is None else self.true_Q
 
 
+@bordered_fields()
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Markov:
     """A nuisance correlated in time, z_{i} = F_i z_{i-1} + w_i, as a Gauss-Markov position error.
@@ -159,6 +164,7 @@ class Markov:
         _check_treatment(self.treatment, where)
 
 
+@bordered_fields()
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LinearProblem:
     """Measurements linear in their uncertainties: residual = sum H x + noise, x = deviations.

@@ -10,8 +10,9 @@ import math
 import re
 import warnings
 from dataclasses import dataclass
+from datetime import timedelta
 from functools import lru_cache
-from typing import Literal
+from typing import Any, Literal
 
 import erfa
 import numpy as np
@@ -43,7 +44,7 @@ class Epoch:
         if not (math.isfinite(jd1) and math.isfinite(jd2)):
             raise InputError(f"epoch: Julian date {jd1} + {jd2} is not finite")
         if scale != "tdb":
-            jd1, jd2 = (float(part) for part in _to_tdb(jd1, jd2, scale))
+            jd1, jd2 = (float(part) for part in to_tdb(jd1, jd2, scale))
         day = math.floor(jd1 - 0.5) + 0.5
         fraction = (jd1 - day) + jd2
         whole = math.floor(fraction)
@@ -95,8 +96,8 @@ class Epoch:
         return cls.from_jd(float(jd1), float(jd2), scale)
 
     def __add__(self, seconds: float) -> "Epoch":
-        """The epoch `seconds` of TDB later."""
-        return Epoch.from_jd(self.day, self.fraction + seconds / SECONDS_PER_DAY)
+        """The epoch `seconds` of TDB later; a timedelta, or a Quantity or TimeDelta of astropy, is converted."""
+        return Epoch.from_jd(self.day, self.fraction + _plain_seconds(seconds) / SECONDS_PER_DAY)
 
     def __sub__(self, other: "Epoch") -> float:
         """TDB seconds from `other` to this epoch."""
@@ -122,6 +123,18 @@ class Epoch:
         return self.iso()
 
 
+def _plain_seconds(value: Any) -> float:
+    """Seconds of a number, a timedelta, or what astropy converts to seconds."""
+    if isinstance(value, timedelta):
+        return value.total_seconds()
+    if not hasattr(value, "to_value"):
+        return value  # type: ignore[no-any-return]
+    try:
+        return float(value.to_value("s"))
+    except (TypeError, ValueError):
+        raise InputError(f"epoch: only a time can be added to it, got {value}") from None
+
+
 def utc_jd(epoch: Epoch, t_s: npt.ArrayLike) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
     """Two-part UTC Julian dates (erfa's quasi-JD) of times `t_s` (n,) in TDB seconds after `epoch`."""
     t = np.asarray(t_s, dtype=np.float64)
@@ -145,7 +158,7 @@ def tdb_from_utc(
         following = erfa.jd2cal(jd1, 1.0)
         steps = erfa.dat(*following[:3], 0.0) - noon
     day_length = 86400.0 + np.where(steps > 0.5, 1.0, 0.0)
-    day1, day2 = _to_tdb(jd1, jd2, "utc")
+    day1, day2 = to_tdb(jd1, jd2, "utc")
     return day1, day2, second < day_length
 
 
@@ -169,10 +182,10 @@ def _kept_tdb_minus_tt(jd1: bytes, jd2: bytes) -> npt.NDArray[np.float64]:
     return offset
 
 
-def _to_tdb(
+def to_tdb(
     jd1: npt.ArrayLike, jd2: npt.ArrayLike, scale: Scale
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    """Two-part date in `scale` -> TDB."""
+    """Two-part date in `scale` -> TDB, of any shape."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", erfa.ErfaWarning)
         if scale == "utc":

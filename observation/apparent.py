@@ -8,12 +8,14 @@ from nebosvod.observation.astrometry import Observation
 from nebosvod.observation.contracts import Array, Ephemeris
 from nebosvod.observation.direction import ra_dec
 from nebosvod.observation.sight import Sight
+from nebosvod.quantities import bordered
 from nebosvod.timescale import Epoch
 
 # erfa's own limit for the Sun: the deflection is frozen inside phi^2/2 < 1e-6, 0.08 deg from the Sun's centre
 DEFLECTION_LIMIT = 1e-6
 
 
+@bordered()
 def apparent_place(seen: Observation | Sight, epoch: Epoch, ephemeris: Ephemeris) -> Array:
     """Apparent RA and Dec (n, 2), rad, ICRF axes (no precession): what a telescope points at.
 

@@ -15,6 +15,7 @@ from nebosvod.observation.contracts import Array, Ephemeris, Trajectory
 from nebosvod.observation.emission import Emission
 from nebosvod.observation.sight import reception_times, sight
 from nebosvod.observation.telescope import Telescope
+from nebosvod.quantities import bordered
 from nebosvod.timescale import Epoch
 
 
@@ -103,6 +104,7 @@ ROW_FIELDS: dict[str, tuple[int | str, ...]] = {
 }
 
 
+@bordered()
 def observe(trajectory: Trajectory, telescope: Telescope, t_s: Array, ephemeris: Ephemeris) -> Observation:
     """Compute what `telescope` measures at `t_s`, with all partials.
 

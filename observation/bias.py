@@ -9,8 +9,10 @@ from nebosvod.observation.astrometry import Observation
 from nebosvod.observation.contracts import Array, Ephemeris
 from nebosvod.observation.nuisance import diagonal, piecewise, sigmas
 from nebosvod.observation.term import Common, Markov, Treatment, check_treatment
+from nebosvod.quantities import bordered_fields
 
 
+@bordered_fields()
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ConstantBias:
     """A constant bias of the astrometry, RA cos Dec and Dec.
@@ -45,6 +47,7 @@ class ConstantBias:
         )
 
 
+@bordered_fields()
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class BiasDrift:
     """A bias that grows linearly with time: b + d (t - t0), both unknown.
@@ -85,6 +88,7 @@ class BiasDrift:
         )
 
 
+@bordered_fields()
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class GaussMarkovBias:
     """A bias correlated as sigma^2 exp(-|dt| / time), stationary.
@@ -125,6 +129,7 @@ class GaussMarkovBias:
         )
 
 
+@bordered_fields()
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ArcBias:
     """A bias that is constant within an arc and drawn anew for the next one.
@@ -166,6 +171,7 @@ class ArcBias:
         )
 
 
+@bordered_fields()
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ZoneBias:
     """A bias of the star catalogue, constant within a zone of the sky and independent between zones.

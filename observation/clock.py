@@ -8,8 +8,10 @@ from nebosvod.observation.astrometry import Observation
 from nebosvod.observation.contracts import Ephemeris
 from nebosvod.observation.nuisance import sigmas
 from nebosvod.observation.term import Common, Treatment, check_treatment
+from nebosvod.quantities import bordered_fields
 
 
+@bordered_fields()
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TimingOffset:
     """A clock that is wrong by the same time in all exposures.

@@ -9,8 +9,10 @@ import numpy as np
 from nebosvod.errors import InputError
 from nebosvod.observation.contracts import Array
 from nebosvod.observation.rows import TURN, directions
+from nebosvod.quantities import bordered
 
 
+@bordered()
 def ra_dec(u: Array) -> Array:
     """Right ascension in [0, 2 pi) and declination (n, 2), rad, of vectors u (n, 3) of any length, ICRF.
 
@@ -33,6 +35,7 @@ def wrap(angle: Array) -> Array:
     return np.mod(angle + np.pi, TURN) - np.pi
 
 
+@bordered(observed="rad", computed="rad")
 def residual(observed: Array, computed: Array) -> Array:
     """Observed minus computed directions as (dRA cos Dec, dDec), rad.
 

@@ -10,12 +10,14 @@ from nebosvod.observation.constants import EARTH_J2
 from nebosvod.observation.contracts import Array, Ephemeris
 from nebosvod.observation.earth_rotation import R_icrf_from_cirs, turned
 from nebosvod.observation.kepler import kepler_state
+from nebosvod.quantities import bordered, bordered_fields
 from nebosvod.timescale import Epoch
 
 TROPICAL_YEAR_S = 365.2421897 * 86400.0  # mean tropical year, J2000 (Meeus 1991)
 EARTH_GM_KM3_S2 = 398600.4355  # only to choose a Sun-synchronous inclination; the orbit itself uses the ephemeris
 
 
+@bordered_fields()
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class GeocentricOrbit:
     """An elliptic orbit about the Earth.
@@ -60,6 +62,7 @@ class GeocentricOrbit:
     def centre(self) -> str:
         return "earth"
 
+    @bordered()
     def state_km_km_s(self, ephemeris: Ephemeris, epoch: Epoch, t_s: Array) -> Array:
         """Barycentric ICRF states (n, 6)."""
         gm = ephemeris.gm_km3_s2["earth"]
@@ -99,6 +102,7 @@ def secular_rates(n: float, a_km: float, e: float, i_rad: float) -> tuple[float,
     )
 
 
+@bordered()
 def sun_synchronous(
     *, elements_epoch: Epoch, altitude_km: float, local_time_h: float, mean_anomaly_rad: float = 0.0
 ) -> GeocentricOrbit:

@@ -8,9 +8,11 @@ from nebosvod.dynamics.constants import OBLIQUITY_J2000_RAD
 from nebosvod.errors import InputError
 from nebosvod.observation.contracts import Array, Ephemeris
 from nebosvod.observation.kepler import kepler_state
+from nebosvod.quantities import bordered, bordered_fields
 from nebosvod.timescale import Epoch
 
 
+@bordered_fields()
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class HeliocentricOrbit:
     """An elliptic orbit about the Sun; with the defaults, circular in the ecliptic at `a_km`.
@@ -47,6 +49,7 @@ class HeliocentricOrbit:
     def centre(self) -> str:
         return "sun"
 
+    @bordered()
     def state_km_km_s(self, ephemeris: Ephemeris, epoch: Epoch, t_s: Array) -> Array:
         """Barycentric ICRF states (n, 6)."""
         gm = ephemeris.gm_km3_s2["sun"]

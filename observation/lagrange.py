@@ -9,11 +9,13 @@ from nebosvod.dynamics.compilation import allocating_kernel, kernel
 from nebosvod.dynamics.constants import AU_KM
 from nebosvod.errors import InputError
 from nebosvod.observation.contracts import Array, Ephemeris
+from nebosvod.quantities import bordered, bordered_fields
 from nebosvod.timescale import Epoch
 
 TILT_STEP_S = 3600.0  # of the difference for the tilt of the orbit of the Earth: truncation 1e-5 of 1e-12 rad/s
 
 
+@bordered_fields()
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LibrationOrbit:
     """A halo-like orbit about L1 or L2.
@@ -57,6 +59,7 @@ class LibrationOrbit:
     def centre(self) -> str:
         return "sun"
 
+    @bordered()
     def state_km_km_s(self, ephemeris: Ephemeris, epoch: Epoch, t_s: Array) -> Array:
         """Barycentric ICRF states (n, 6)."""
         moments = np.concatenate([t_s, t_s - TILT_STEP_S, t_s + TILT_STEP_S])

@@ -11,8 +11,10 @@ from nebosvod.observation.nuisance import AXES, Frame, check_frame, piecewise
 from nebosvod.observation.orbit_transition import transitions
 from nebosvod.observation.spacecraft import Spacecraft, rtn_axes
 from nebosvod.observation.term import Common, Markov, Rows, Treatment, check_treatment, root
+from nebosvod.quantities import bordered_fields
 
 
+@bordered_fields()
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class OrbitError:
     """The spacecraft's state is wrong at one time, and the error flies on with the orbit.

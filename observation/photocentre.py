@@ -10,6 +10,7 @@ from nebosvod.observation.contracts import Array, Ephemeris
 from nebosvod.observation.direction import angle_between
 from nebosvod.observation.nuisance import sigmas
 from nebosvod.observation.term import Common, Treatment, check_treatment
+from nebosvod.quantities import bordered_fields
 
 
 def lambert_offset(phase_rad: Array) -> Array:
@@ -28,6 +29,7 @@ def lambert_offset(phase_rad: Array) -> Array:
     return np.where(thin, 9.0 * np.pi / 32.0, shape)
 
 
+@bordered_fields()
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Photocentre:
     """An offset of the measured light from the centre of mass.

@@ -5,6 +5,7 @@ import numpy as np
 from nebosvod.dynamics.constants import AU_KM
 from nebosvod.errors import InputError
 from nebosvod.observation.contracts import Array
+from nebosvod.quantities import bordered
 
 G_RANGE = (-0.5, 1.0)
 # Phi_i = exp(-A_i tan(phase/2)^B_i), the two basis functions of H, G (Bowell et al. 1989, Asteroids II, appendix)
@@ -12,6 +13,7 @@ A_1, B_1 = 3.33, 0.63
 A_2, B_2 = 1.87, 1.22
 
 
+@bordered()
 def apparent_magnitude(H: float, G: float, r_sun_km: Array, distance_km: Array, phase_rad: Array) -> Array:
     """Apparent V magnitude (n,) in the H, G system.
 

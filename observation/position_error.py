@@ -9,8 +9,10 @@ from nebosvod.observation.astrometry import Observation
 from nebosvod.observation.contracts import Array, Ephemeris
 from nebosvod.observation.nuisance import AXES, Frame, check_frame, diagonal, position_axes, sigmas
 from nebosvod.observation.term import Common, Markov, Treatment, White, check_treatment
+from nebosvod.quantities import bordered_fields
 
 
+@bordered_fields()
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class WhitePosition:
     """A position error of one telescope drawn anew, independently, at each exposure.
@@ -46,6 +48,7 @@ class WhitePosition:
         )
 
 
+@bordered_fields()
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ConstantPosition:
     """A position error that is the same in all exposures, in ICRF or riding along in RTN.
@@ -83,6 +86,7 @@ class ConstantPosition:
         )
 
 
+@bordered_fields()
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class GaussMarkovPosition:
     """A position error correlated as sigma^2 exp(-|dt| / time) in each axis, stationary.

@@ -15,6 +15,7 @@ from nebosvod.observation import repeats
 from nebosvod.observation.contracts import Array
 from nebosvod.observation.designations import kind, stem_of
 from nebosvod.observation.object_names import merged, readings, united
+from nebosvod.quantities import bordered
 from nebosvod.timescale import Epoch
 
 Texts = npt.NDArray[np.str_]
@@ -155,6 +156,7 @@ class Astrometry:
         others = [other for other, names in self.other_names.items() if name in names][:2]
         return f"{name} = {' = '.join(others)}" if others else name
 
+    @bordered(since="epoch", until="epoch")
     def between(self, since: Epoch | None, until: Epoch | None) -> "Astrometry":
         """The observations from one time on (included) to another (excluded), the others counted as left out by date.
 

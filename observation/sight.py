@@ -10,6 +10,7 @@ from nebosvod.errors import InputError
 from nebosvod.observation import rows
 from nebosvod.observation.contracts import Array, Ephemeris, Trajectory
 from nebosvod.observation.spacecraft import Spacecraft
+from nebosvod.quantities import bordered
 
 LIGHT_TIME_TOLERANCE_S = 1e-9
 MAX_ITERATIONS = 10
@@ -52,6 +53,7 @@ class Sight:
         return motion
 
 
+@bordered()
 def sight(
     trajectory: Trajectory,
     spacecraft: Spacecraft,

@@ -13,6 +13,7 @@ from nebosvod.observation.astrometry import Observation
 from nebosvod.observation.contracts import Array
 from nebosvod.observation.direction import offset, ra_dec
 from nebosvod.observation.term import Common, Term
+from nebosvod.quantities import STATE, bordered
 
 LIGHT_TIME_SWEEPS = 5
 
@@ -37,12 +38,14 @@ def draw_truth(terms: Sequence[Term], rng: np.random.Generator) -> dict[str, Arr
     return truth
 
 
+@bordered(R="rad2")
 def draw_noise(R: Array, rng: np.random.Generator) -> Array:
     """Measurement noise (n, 2) of covariances R (n, 2, 2)."""
     noise: Array = (np.linalg.cholesky(R) @ rng.standard_normal((R.shape[0], 2, 1)))[:, :, 0]
     return noise
 
 
+@bordered(state_deviation=STATE, noise="rad")
 def measure(
     observation: Observation,
     terms: Sequence[Term] = (),

@@ -9,11 +9,13 @@ from nebosvod.errors import CoverageError, InputError
 from nebosvod.observation.contracts import Array, Ephemeris
 from nebosvod.observation.earth_orientation import Orientation, orientation, table_span
 from nebosvod.observation.earth_rotation import rotating_to_icrf, tt_days
+from nebosvod.quantities import bordered, bordered_fields
 from nebosvod.timescale import Epoch
 
 MPC_EARTH_RADIUS_KM = 6378.137  # unit of the MPC's parallax constants (WGS84 equatorial radius)
 
 
+@bordered_fields()
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class GroundSite:
     """A telescope that stands on the Earth.
@@ -41,6 +43,7 @@ class GroundSite:
         object.__setattr__(self, "itrf_km", position)
 
     @classmethod
+    @bordered()
     def from_parallax(
         cls, longitude_rad: float, rho_cos_phi: float, rho_sin_phi: float, extrapolate: bool = False
     ) -> "GroundSite":
@@ -52,6 +55,7 @@ class GroundSite:
     def centre(self) -> str:
         return "earth"
 
+    @bordered()
     def state_km_km_s(self, ephemeris: Ephemeris, epoch: Epoch, t_s: Array) -> Array:
         """Barycentric ICRF states (n, 6).
 

@@ -13,6 +13,7 @@ from nebosvod.errors import InputError
 from nebosvod.observation.constants import EARTH_ROTATION_RAD_S
 from nebosvod.observation.contracts import Array, Ephemeris
 from nebosvod.observation.earth_rotation import earth_rotation_angle, rotating_to_icrf
+from nebosvod.quantities import bordered, bordered_fields
 from nebosvod.timescale import Epoch
 
 
@@ -23,10 +24,12 @@ class Spacecraft(Protocol):
     def centre(self) -> str:
         """The body the orbit goes round, "earth" or "sun"."""
 
+    @bordered()
     def state_km_km_s(self, ephemeris: Ephemeris, epoch: Epoch, t_s: Array) -> Array:
         """Barycentric ICRF states (n, 6), km and km/s, at `t_s` (n,) TDB seconds after `epoch`."""
 
 
+@bordered_fields()
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Geostationary:
     """A spacecraft held over one longitude of the equator.
@@ -53,6 +56,7 @@ class Geostationary:
     def centre(self) -> str:
         return "earth"
 
+    @bordered()
     def state_km_km_s(self, ephemeris: Ephemeris, epoch: Epoch, t_s: Array) -> Array:
         """Barycentric ICRF states (n, 6)."""
         radius_km = (ephemeris.gm_km3_s2["earth"] / EARTH_ROTATION_RAD_S**2) ** (1.0 / 3.0)
@@ -61,6 +65,7 @@ class Geostationary:
         return ephemeris.state_km_km_s("earth", epoch, t_s) + turning
 
 
+@bordered_fields()
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class HeliocentricCompanion:
     """A spacecraft on the Earth's own orbit, ahead of the Earth or behind it.
@@ -85,6 +90,7 @@ class HeliocentricCompanion:
     def centre(self) -> str:
         return "sun"
 
+    @bordered()
     def state_km_km_s(self, ephemeris: Ephemeris, epoch: Epoch, t_s: Array) -> Array:
         """Barycentric ICRF states (n, 6)."""
         sun = ephemeris.state_km_km_s("sun", epoch, t_s)

@@ -12,6 +12,7 @@ from nebosvod.errors import CoverageError, DataError, InputError
 from nebosvod.observation.contracts import Array, Ephemeris
 from nebosvod.observation.difference_lines import LARGEST_TABLE, DifferenceLines
 from nebosvod.observation.tabulated import BARYCENTRE, Segment, TablePiece, TabulatedOrbit, central_body
+from nebosvod.quantities import bordered
 from nebosvod.timescale import Epoch
 
 J2000 = Epoch.from_jd(2451545.0)
@@ -49,6 +50,7 @@ class ChebyshevOrbit:
     def centre(self) -> str:
         return central_body(self.origin)
 
+    @bordered()
     def state_km_km_s(self, ephemeris: Ephemeris, epoch: Epoch, t_s: Array) -> Array:
         """Barycentric ICRF states (n, 6).
 

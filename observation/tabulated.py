@@ -9,6 +9,7 @@ from nebosvod.errors import CoverageError, InputError
 from nebosvod.observation.contracts import Array, Ephemeris
 from nebosvod.observation.interpolation import hermite, lagrange
 from nebosvod.observation.term import Rows
+from nebosvod.quantities import STATE, bordered
 from nebosvod.timescale import Epoch
 
 Method = Literal["hermite", "lagrange"]
@@ -103,6 +104,7 @@ class TabulatedOrbit:
     def centre(self) -> str:
         return central_body(self.origin)
 
+    @bordered()
     def state_km_km_s(self, ephemeris: Ephemeris, epoch: Epoch, t_s: Array) -> Array:
         """Barycentric ICRF states (n, 6).
 
@@ -137,6 +139,7 @@ class TabulatedOrbit:
         return which
 
 
+@bordered(states=STATE)
 def table(
     epoch: Epoch, t_s: Array, states: Array, origin: str, source: str = "table", window: int = 8
 ) -> TabulatedOrbit:

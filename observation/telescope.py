@@ -8,9 +8,11 @@ import numpy.typing as npt
 from nebosvod.errors import InputError
 from nebosvod.observation.contracts import Array
 from nebosvod.observation.spacecraft import Spacecraft
+from nebosvod.quantities import bordered, bordered_fields
 from nebosvod.timescale import Epoch
 
 
+@bordered_fields(duty="spans")
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Telescope:
     """One telescope of a mission.
@@ -82,6 +84,7 @@ class Telescope:
         if self.fwhm_rad is not None and not 0.0 < self.fwhm_rad < 0.1:
             raise InputError(f"telescope {self.name}: image width must lie in (0, 0.1) rad (got {self.fwhm_rad})")
 
+    @bordered()
     def works(self, epoch: Epoch, t_s: Array) -> npt.NDArray[np.bool_]:
         """Whether each time (n,), TDB seconds after `epoch`, lies in a duty window."""
         inside = np.full(t_s.shape, not self.duty)
@@ -89,6 +92,7 @@ class Telescope:
             inside |= (t_s >= first - epoch) & (t_s <= last - epoch)
         return inside
 
+    @bordered()
     def noise(self, rate_rad_s: Array) -> Array:
         """Covariance R (n, 2, 2), rad^2, of the measurement noise at apparent rates (n, 2), RA cos Dec and Dec.
 

@@ -13,6 +13,7 @@ from nebosvod.observation.photometry import apparent_magnitude, trailing_loss
 from nebosvod.observation.sight import Sight, sight
 from nebosvod.observation.sites import GroundSite
 from nebosvod.observation.telescope import Telescope
+from nebosvod.quantities import bordered
 
 Mask = npt.NDArray[np.bool_]
 
@@ -61,6 +62,7 @@ class Visibility:
         return f"{seen}; removed by {lost}" if lost else seen
 
 
+@bordered()
 def visibility(
     telescope: Telescope,
     trajectory: Trajectory,
