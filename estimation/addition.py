@@ -16,7 +16,7 @@ from nebosvod.errors import InputError
 from nebosvod.estimation.estimate import Estimate
 from nebosvod.estimation.partition import Partition
 from nebosvod.estimation.problem import LinearProblem
-from nebosvod.estimation.square_root import lower_factor, root_rows, solve_rows, solve_square
+from nebosvod.estimation.square_root import lower_factor, root_rows, solve_lower, solve_positive, solve_rows
 from nebosvod.estimation.whitening import Whitener, add_white, raw_rows
 
 Array = npt.NDArray[np.float64]
@@ -101,7 +101,7 @@ def gains(belief: Belief, added: Additions) -> tuple[Array, Array]:
     """Gains K (c, s, p) and factors (c, p, p) of the innovation covariance, as the estimator believes them."""
     X = added.H[:, :, : len(belief.S)] @ belief.S
     V = np.eye(X.shape[1]) + X @ X.transpose(0, 2, 1)
-    K = solve_square(V, X @ belief.S.T).transpose(0, 2, 1)
+    K = solve_positive(V, X @ belief.S.T).transpose(0, 2, 1)
     return K, np.asarray(np.linalg.cholesky(V), dtype=np.float64)
 
 
@@ -129,4 +129,4 @@ def take(belief: Belief, added: Additions, index: int) -> Belief:
     G[:size] -= K @ (one.H[0] @ belief.G)
     fresh = np.zeros((len(G), one.noise.shape[2]))
     fresh[:size] = K @ one.noise[0]
-    return replace(belief, S=solve_square(C.T, belief.S.T).T, G=lower_factor(np.hstack([G, fresh])))
+    return replace(belief, S=solve_lower(C.T, belief.S.T).T, G=lower_factor(np.hstack([G, fresh])))

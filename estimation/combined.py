@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from nebosvod.errors import GeometryError, InputError
 from nebosvod.estimation.kalman import Belief
-from nebosvod.estimation.square_root import lower_factor, row_units, solve_lower, solve_square
+from nebosvod.estimation.square_root import lower_factor, row_units, solve_lower, solve_positive, solve_rows
 
 Array = npt.NDArray[np.float64]
 MIN_EFFECTIVE = 30.0
@@ -90,16 +90,16 @@ class GridBlock:
         P = self.covariance[None] if shared else self.covariance
         V = H @ P @ H.T + R
         innovation = observed - predicted - self.mean @ H.T
-        L = np.linalg.cholesky(V)
-        half = np.broadcast_to(L, (len(self.nodes), *V.shape[1:]))
-        white = solve_square(half, innovation[:, :, None])[:, :, 0]
+        L = np.asarray(np.linalg.cholesky(V), dtype=np.float64)
+        white = np.array(innovation[:, :, None])
+        solve_rows(L, white)
         logs = np.log(np.einsum("npp->np", L)).sum(axis=1)
-        gain = solve_square(V, H @ P).transpose(0, 2, 1)
+        gain = solve_positive(V, H @ P).transpose(0, 2, 1)
         keep = np.eye(P.shape[1]) - gain @ H
         posterior = keep @ P @ keep.transpose(0, 2, 1) + gain @ R @ gain.transpose(0, 2, 1)
         return replace(
             self,
-            log_weight=self.log_weight - 0.5 * np.sum(white**2, axis=1) - logs,
+            log_weight=self.log_weight - 0.5 * np.sum(white[:, :, 0] ** 2, axis=1) - logs,
             mean=self.mean
             + np.einsum("nrp,np->nr", np.broadcast_to(gain, (len(self.nodes), *gain.shape[1:])), innovation),
             covariance=posterior[0] if shared else posterior,

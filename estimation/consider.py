@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from nebosvod.estimation.square_root import solve_square
+from nebosvod.estimation.square_root import solve_positive
 
 Array = npt.NDArray[np.float64]
 
@@ -92,10 +92,10 @@ def update(
     if gain == "schmidt":
         cross = H_x @ across
         V = H_x @ belief.P @ H_x.T + cross + cross.T + H_c @ belief.S @ H_c.T + R
-        K = solve_square(V, (belief.P @ H_x.T + across).T).T
+        K = solve_positive(V, (belief.P @ H_x.T + across).T).T
     else:
         V = H_x @ belief.P_formal @ H_x.T + R
-        K = solve_square(V, H_x @ belief.P_formal).T
+        K = solve_positive(V, H_x @ belief.P_formal).T
     keep = np.eye(len(belief.P)) - K @ H_x
     mixed = keep @ across @ K.T
     P = keep @ belief.P @ keep.T - mixed - mixed.T + K @ (H_c @ belief.S @ H_c.T + R) @ K.T

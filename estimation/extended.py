@@ -14,7 +14,7 @@ from nebosvod.errors import GeometryError, InputError
 from nebosvod.estimation.correlation import Series, worst
 from nebosvod.estimation.problem import LinearProblem
 from nebosvod.estimation.sources import measurement_gain
-from nebosvod.estimation.square_root import conditioning, solve_square, solve_upper
+from nebosvod.estimation.square_root import cholesky_rows, conditioning, solve_rows, solve_upper
 
 Array = npt.NDArray[np.float64]
 
@@ -44,8 +44,12 @@ def klaus(U: Array, S: Array, names: tuple[str, ...]) -> Klaus:
     """
     if U.shape[0] != S.shape[0] or U.shape[1] != len(names):
         raise InputError(f"klaus: needs U (m, {len(names)}) and S (m, r), got {U.shape} and {S.shape}")
-    r = S.shape[1]
-    triangle = np.asarray(np.linalg.qr(np.hstack([S, U]), mode="r"))
+    # A bias that is seen by no measurement, or only together with another, takes no direction away.
+    sizes = np.linalg.norm(S, axis=0)
+    basis, spread, _ = np.linalg.svd(S[:, sizes > 0.0] / sizes[sizes > 0.0], full_matrices=False)
+    basis = basis[:, spread > 1e-13 * spread.max(initial=0.0)]
+    r = basis.shape[1]
+    triangle = np.asarray(np.linalg.qr(np.hstack([basis, U]), mode="r"))
     rest = np.zeros((len(names), len(names)))
     tail = triangle[r : r + len(names), r:]
     rest[: len(tail)] = tail
@@ -141,9 +145,11 @@ def bias_imitates(problem: LinearProblem, state: str, bias: str) -> Klaus:
     for name in (state, bias):
         if name not in blocks:
             raise InputError(f"bias_imitates: no block {name!r}; there are {', '.join(blocks)}")
-    L = np.linalg.cholesky(np.broadcast_to(problem.R, (problem.n, problem.p, problem.p)))
-    U, S = (solve_square(L, blocks[name].H).reshape(problem.n * problem.p, -1) for name in (state, bias))
-    return klaus(np.asarray(U, dtype=np.float64), np.asarray(S, dtype=np.float64), blocks[state].names)
+    L = cholesky_rows(problem.R, "R")
+    U, S = (np.array(blocks[name].H) for name in (state, bias))
+    for rows in (U, S):
+        solve_rows(L, rows)
+    return klaus(U.reshape(problem.n * problem.p, -1), S.reshape(problem.n * problem.p, -1), blocks[state].names)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -20,6 +20,7 @@ from nebosvod.estimation.square_root import (
     lower_factor,
     row_units,
     solve_lower,
+    solve_positive,
     solve_square,
     solve_upper,
     whiten,
@@ -132,7 +133,7 @@ def joseph(P: Array, H: Array, R: Array) -> tuple[Array, Array]:
     Agrees with the square-root form to 1e-12 for priors of 1e4 in units of the noise, 1e-8 at 1e8, 1e-4 at 1e12.
     """
     V = H @ P @ H.T + R
-    gain = solve_square(V, H @ P).T
+    gain = solve_positive(V, H @ P).T
     keep = np.eye(len(P)) - gain @ H
     posterior = keep @ P @ keep.T + gain @ R @ gain.T
     return gain, 0.5 * (posterior + posterior.T)

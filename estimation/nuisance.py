@@ -13,7 +13,7 @@ from nebosvod.errors import InputError
 from nebosvod.estimation.estimate import Estimate
 from nebosvod.estimation.partition import Partition
 from nebosvod.estimation.problem import LinearProblem, Markov, White
-from nebosvod.estimation.square_root import solve_covariance, solve_rows, solve_square
+from nebosvod.estimation.square_root import solve_covariance, solve_positive, solve_rows
 from nebosvod.estimation.whitening import Whitener, raw_rows
 
 Array = npt.NDArray[np.float64]
@@ -109,7 +109,7 @@ def _markov(markov: Markov, L: Array, columns: Array) -> tuple[Array, Array]:
         ahead_mean[k] = F @ mean[k - 1] if k else 0.0
         ahead_P[k] = F @ P[k - 1] @ F.T + Q if k else markov.P0
         V = H[k] @ ahead_P[k] @ H[k].T + np.eye(H.shape[1])
-        gain = solve_square(V, H[k] @ ahead_P[k]).T
+        gain = solve_positive(V, H[k] @ ahead_P[k]).T
         keep = np.eye(q) - gain @ H[k]
         mean[k] = ahead_mean[k] + gain @ (whitened[k] - H[k] @ ahead_mean[k])
         P[k] = keep @ ahead_P[k] @ keep.T + gain @ gain.T

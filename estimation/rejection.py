@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nebosvod.errors import InputError
-from nebosvod.estimation.square_root import solve_square
+from nebosvod.estimation.square_root import solve_rows
 from nebosvod.estimation.whitening import projected
 
 Array = npt.NDArray[np.float64]
@@ -83,7 +83,8 @@ def chi_squared(residual: Array, R: Array, H: Array, S: Array, selected: Flags) 
     except np.linalg.LinAlgError:
         worst = int(np.argmin(np.linalg.eigvalsh(R)[:, 0]))
         raise InputError(f"rejection: the noise covariance of measurement {worst} is not positive definite") from None
-    whitened = solve_square(L, np.concatenate([residual[:, :, None], H @ S], axis=2))
+    whitened = np.concatenate([residual[:, :, None], H @ S], axis=2)
+    solve_rows(L, whitened)
     q, G = whitened[:, :, 0], whitened[:, :, 1:]
     leverage, axes = np.linalg.eigh(projected(G, np.eye(G.shape[2])[None]))
     share = np.where(selected[:, None], np.maximum(1.0 - leverage, LEAST_SHARE), 1.0 + leverage)

@@ -15,7 +15,7 @@ from nebosvod.estimation.partition import Partition
 from nebosvod.estimation.problem import LinearProblem
 from nebosvod.estimation.sequential import UNRESOLVED, resolved
 from nebosvod.estimation.sources import Solved, estimate_of, not_observable
-from nebosvod.estimation.square_root import append_rows, conditioning, solve_square
+from nebosvod.estimation.square_root import append_rows, conditioning, solve_positive, solve_square
 from nebosvod.estimation.two_stage import TwoStage, update
 from nebosvod.estimation.whitening import Whitener, raw_rows, whitened_rows
 
@@ -91,7 +91,7 @@ def _filtered(rows: Array, prior: Array, inside: npt.NDArray[np.bool_], unit: Ar
         before = stage
         stage, seen = update(stage, rows[k, :, size], C[k], G[k], noise)
         innovation = seen.r - seen.S @ before.b
-        chi2 += float(innovation @ solve_square(seen.M + seen.S @ before.P_b @ seen.S.T, innovation))
+        chi2 += float(innovation @ solve_positive(seen.M + seen.S @ before.P_b @ seen.S.T, innovation[:, None])[:, 0])
     return stage, chi2
 
 

@@ -53,18 +53,22 @@ def covariance_factor(covariance: Array, what: str) -> Array:
         raise InputError(f"{what}: covariance is not symmetric")
     correlation = 0.5 * (correlation + correlation.T)
     try:
-        factor: Array = unit[:, None] * np.linalg.cholesky(correlation)
+        factor: Array = np.asarray(np.linalg.cholesky(correlation), dtype=np.float64)
+        # A singular matrix may pass by its round-off, in one unit and not in another.
+        regular = bool((np.diag(factor) ** 2 > 4.0 * EPS * size).all())
     except np.linalg.LinAlgError:
+        regular = False
+    if not regular:
         values, vectors = np.linalg.eigh(correlation)
         if values[0] < -1e-12 * size:
             smallest = np.linalg.eigvalsh(0.5 * (covariance + covariance.T))[0]
             raise InputError(
                 f"{what}: covariance is not positive definite (smallest eigenvalue {smallest:.6g}, "
                 f"of the correlation matrix {values[0]:.6g}); give one that is, it is never repaired"
-            ) from None
+            )
         kept = values > 1e-14 * size
-        factor = unit[:, None] * vectors[:, kept] * np.sqrt(values[kept])
-    return factor
+        factor = vectors[:, kept] * np.sqrt(values[kept])
+    return unit[:, None] * factor
 
 
 def lower_factor(wide: Array) -> Array:
@@ -133,6 +137,16 @@ def solve_square(matrix: Array, right: Array) -> Array:
     sides = right[..., None] if vector else right
     found = across[..., None] * np.linalg.solve(balanced, down[..., None] * sides)
     return np.asarray(found[..., 0] if vector else found, dtype=np.float64)
+
+
+def solve_positive(P: Array, right: Array) -> Array:
+    """Solve P x = right (s, w) for a regular covariance (s, s), or a stack of them, whatever the units.
+
+    Rows in units of their sigma are all that the choice of pivots needs; columns do not enter it.
+    """
+    sigma = np.sqrt(np.abs(np.einsum("...ss->...s", P)))[..., None]  # one that has lost its digits is the caller's
+    unit = np.where(sigma > 0.0, sigma, 1.0)
+    return np.asarray(np.linalg.solve(P / unit, right / unit), dtype=np.float64)
 
 
 def _half_power(size: Array) -> Array:

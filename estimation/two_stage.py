@@ -14,7 +14,7 @@ import numpy.typing as npt
 from scipy.special import gammaincinv
 
 from nebosvod.errors import GeometryError
-from nebosvod.estimation.square_root import solve_covariance, solve_square
+from nebosvod.estimation.square_root import solve_covariance, solve_positive, solve_square
 
 Array = npt.NDArray[np.float64]
 
@@ -120,12 +120,12 @@ def predict_hsieh_chen(stage: TwoStage, system: System) -> TwoStage:
 def update(stage: TwoStage, y: Array, C: Array, G: Array, R: Array) -> tuple[TwoStage, BiasInnovation]:
     """Measurement update of both stages for y = C x + G b + v."""
     M = C @ stage.P @ C.T + R
-    K = solve_square(M, C @ stage.P).T
+    K = solve_positive(M, C @ stage.P).T
     keep = np.eye(len(stage.P)) - K @ C
     r = y - C @ stage.x0
     S = C @ stage.V + G
     total = M + S @ stage.P_b @ S.T
-    K_b = solve_square(total, S @ stage.P_b).T
+    K_b = solve_positive(total, S @ stage.P_b).T
     keep_b = np.eye(len(stage.P_b)) - K_b @ S
     after = TwoStage(
         x0=stage.x0 + K @ r,
@@ -156,7 +156,7 @@ class BiasTest:
 
     def add(self, innovation: BiasInnovation) -> "BiasTest":
         """Take in one innovation of a filter that runs from a bias of zero with B = I."""
-        weighed = solve_square(innovation.M, np.column_stack([innovation.S, innovation.r]))
+        weighed = solve_positive(innovation.M, np.column_stack([innovation.S, innovation.r]))
         return replace(
             self,
             normal=self.normal + innovation.S.T @ weighed[:, :-1],

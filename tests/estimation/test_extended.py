@@ -26,6 +26,19 @@ def test_klaus_filter_equals_the_covariance_with_the_bias_estimated_without_prio
     np.testing.assert_allclose(found.covariance, K, rtol=1e-10)
 
 
+def test_biases_that_say_nothing_new_to_klaus_filter_change_nothing():
+    """A column of zeros (an instrument that was off) or one that repeats others costs no measurement."""
+    rng = np.random.default_rng(0)
+    U, S = rng.normal(size=(12, 3)), rng.normal(size=(12, 2))
+    names = ("a", "b", "c")
+    wanted = extended.klaus(U, S, names)
+    more = np.column_stack([np.zeros(12), S[:, 0], S[:, 0] - 2.0 * S[:, 1], S[:, 1]])
+    found = extended.klaus(U, more, names)
+    np.testing.assert_allclose(found.covariance, wanted.covariance, rtol=1e-10)
+    none = extended.klaus(U, np.zeros((12, 1)), names)
+    np.testing.assert_allclose(none.covariance @ (U.T @ U), np.eye(3), atol=1e-10)
+
+
 def test_a_bias_that_imitates_the_motion_is_found_and_named():
     t = np.linspace(0.0, 1.0, 20)
     U = np.stack([np.ones(20), t, t**2], axis=1)

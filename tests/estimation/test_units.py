@@ -742,6 +742,7 @@ def rejected(units):
 
 @case("square_root.covariance_factor", "square_root.lower_factor", "square_root.gram_factor",
       "square_root.append_rows", "square_root.solve_upper", "square_root.solve_lower", "square_root.solve_square",
+      "square_root.solve_positive",
       "square_root.solve_covariance", "square_root.left_inverse", "square_root.row_units", "square_root.whiten",
       "square_root.conditioning", "square_root.Conditioning", "square_root.cholesky_rows", "square_root.root_rows",
       "square_root.solve_rows", "square_root.solve_rows_transposed", "square_root.multiply_rows")  # fmt: skip
@@ -780,6 +781,7 @@ def factors(units):
         "solved": [
             square_root.solve_square(A * u[:, None] / u[::-1], right * u[:, None]) / u[::-1, None],
             square_root.solve_square(K * both, right * u[:, None]) * u[:, None],
+            square_root.solve_positive(K * both, right * u[:, None]) * u[:, None],
             square_root.solve_covariance(K * both, right * u[:, None]) * u[:, None],
             square_root.solve_lower(L, right * u[:, None]),
             square_root.solve_upper(L.T, right) * u[:, None],
