@@ -6,6 +6,7 @@ re-optimised for a world without the source.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -149,28 +150,73 @@ def _times(covariance: Array | None, square: float) -> Array | None:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class NoiseToNuisance:
-    """Measurement noise against nuisance at each measurement, in decibel; large is good.
+    """Measurement noise against nuisance at each of n measurements of p components; large is good.
 
     Attributes
     ----------
-    eta_db : shape (n,), 10 lg tr R / tr(nuisance covariance); inf where no nuisance acts.
-    eta_effective_db : shape (n,), common nuisances counted with the number N of measurements they touch: a single
-        common nuisance gives eta - 10 lg N.
-    eta_whitened_db : shape (n,), 10 lg p / tr(iR nuisance covariance), free of units.
-    sigma_critical : shape (n,), sigma of an isotropic per-measurement nuisance at eta = 0 dB, sqrt(tr R) / |H_z|;
-        inf where no white or time-correlated nuisance acts.
+    p : components of a measurement.
+    noise : shape (n,), tr R.
+    nuisance : shape (n,), trace of the covariance that the nuisances give the measurement.
+    counted : shape (n,), the same with each common nuisance counted with the number of measurements it touches.
+    whitened : shape (n,), tr iR N with N that covariance: free of units.
+    strength : shape (n,), squared norm of H_z over the white and time-correlated nuisances.
     """
 
-    eta_db: Array
-    eta_effective_db: Array
-    eta_whitened_db: Array
-    sigma_critical: Array
+    p: int
+    noise: Array
+    nuisance: Array
+    counted: Array
+    whitened: Array
+    strength: Array
+
+    @property
+    def eta_db(self) -> Array:
+        """10 lg tr R / tr N of each measurement, dB; inf where no nuisance acts."""
+        return _decibel(self.noise, self.nuisance)
+
+    @property
+    def eta_effective_db(self) -> Array:
+        """The same with common nuisances counted: a single one of N measurements gives eta - 10 lg N."""
+        return _decibel(self.noise, self.counted)
+
+    @property
+    def eta_whitened_db(self) -> Array:
+        """10 lg p / tr iR N."""
+        return _decibel(np.full(len(self.noise), float(self.p)), self.whitened)
+
+    @property
+    def sigma_critical(self) -> Array:
+        """Sigma (n,) of an isotropic fresh nuisance as strong as the noise, sqrt(tr R) / |H_z|; inf where none acts."""
+        with np.errstate(divide="ignore"):
+            critical: Array = np.sqrt(self.noise) / np.sqrt(self.strength)
+        return critical
+
+    @property
+    def sigma_nuisance(self) -> Array:
+        """All nuisances as an error of the measurement (n,), root mean square of a component."""
+        alone: Array = np.sqrt(self.nuisance / self.p)
+        return alone
+
+    @property
+    def sigma_equivalent(self) -> Array:
+        """Noise and nuisances together as one error of the measurement (n,), root mean square of a component."""
+        together: Array = np.sqrt((self.noise + self.nuisance) / self.p)
+        return together
 
     @property
     def eta_db_mean(self) -> float:
-        """Mean of the finite eta; inf when no nuisance acts anywhere."""
-        finite = self.eta_db[np.isfinite(self.eta_db)]
-        return float(finite.mean()) if finite.size else float("inf")
+        """Mean over all measurements: a ratio of sums, (3.18); inf when no nuisance acts anywhere."""
+        return self.mean_db("eta")
+
+    def mean_db(self, which: Literal["eta", "effective", "whitened"], rows: npt.ArrayLike | None = None) -> float:
+        """Mean ratio of some measurements, dB: the sum of the noise over the sum of the nuisance."""
+        noise, nuisance = {
+            "eta": (self.noise, self.nuisance),
+            "effective": (self.noise, self.counted),
+            "whitened": (np.full(len(self.noise), float(self.p)), self.whitened),
+        }[which]
+        chosen = slice(None) if rows is None else np.asarray(rows)
+        return float(_decibel(noise[chosen].sum(), nuisance[chosen].sum()))
 
     def sigma_limit(self, eta_min_db: float) -> Array:
         """Sigma (n,) of the per-measurement nuisance that keeps eta at or above `eta_min_db`."""
@@ -184,54 +230,55 @@ def noise_to_nuisance(problem: LinearProblem, sources: Sequence[str] | None = No
     Parameters
     ----------
     problem : the problem.
-    sources : names of priors, white and time-correlated sources that count as nuisance; by default all but the
-        priors that touch the first block (the state).
+    sources : names of priors, white and time-correlated sources that count as nuisance; by default all of them.
+
+    Notes
+    -----
+    The first block (the state) is no nuisance. Of a prior that it shares with other parameters, theirs enter with their
+    marginal covariance, the sub-block: the same whether the prior is given jointly or apart, and at whatever epoch.
+    What is fixed has no error.
 
     References
     ----------
     Guo, Ivashkin 2018, (3.17)-(3.31).
     """
-    wanted = _nuisance_names(problem) if sources is None else set(sources)
     n, p = problem.n, problem.p
     fresh, common, counted = np.zeros((n, p, p)), np.zeros((n, p, p)), np.zeros((n, p, p))
     strength = np.zeros(n)
-    for white in problem.white:
-        if white.name in wanted:
-            fresh[white.rows] += projected(white.H, white.truth)
-            strength[white.rows] += np.einsum("npq,npq->n", white.H, white.H)
-    for markov in problem.markov:
-        if markov.name in wanted:
-            covariance = _markov_covariances(markov.F, markov.Q, markov.P0)
-            fresh[markov.rows] += projected(markov.H, covariance)
-            strength[markov.rows] += np.einsum("npq,npq->n", markov.H, markov.H)
-    columns = {name: block.H[:, :, k] for block in problem.blocks for k, name in enumerate(block.names)}
+    groups: tuple[White | Markov, ...] = (*problem.white, *problem.markov)
+    for group in groups:
+        if group.treatment != "fixed" and (sources is None or group.name in sources):
+            covariance = group.truth if isinstance(group, White) else _markov_covariances(group.F, group.Q, group.P0)
+            fresh[group.rows] += projected(group.H, covariance)
+            strength[group.rows] += np.einsum("npq,npq->n", group.H, group.H)
+    columns = {
+        name: block.H[:, :, k]
+        for block in problem.blocks[1:]
+        if block.treatment != "fixed"
+        for k, name in enumerate(block.names)
+    }
     for prior in problem.priors:
-        if prior.name in wanted:
-            H = np.stack([columns[name] for name in prior.names], axis=2)
-            part = projected(H, prior.truth[None])
+        kept = [index for index, name in enumerate(prior.names) if name in columns]
+        if kept and (sources is None or prior.name in sources):
+            H = np.stack([columns[prior.names[index]] for index in kept], axis=2)
+            part = projected(H, prior.truth[np.ix_(kept, kept)][None])
             common += part
             counted += part * int(H.any(axis=(1, 2)).sum())
     R = np.broadcast_to(problem.truth, (n, p, p))
-    noise = np.einsum("npp->n", R)
-    with np.errstate(divide="ignore"):
-        return NoiseToNuisance(
-            eta_db=_decibel(noise, np.einsum("npp->n", fresh + common)),
-            eta_effective_db=_decibel(noise, np.einsum("npp->n", fresh + counted)),
-            eta_whitened_db=_decibel(np.full(n, float(p)), _whitened_trace(R, fresh + common)),
-            sigma_critical=np.sqrt(noise) / np.sqrt(strength),
-        )
+    return NoiseToNuisance(
+        p=p,
+        noise=np.einsum("npp->n", R),
+        nuisance=np.einsum("npp->n", fresh + common),
+        counted=np.einsum("npp->n", fresh + counted),
+        whitened=_whitened_trace(R, fresh + common),
+        strength=strength,
+    )
 
 
 def critical_sigma(R: Array, H: Array) -> Array:
     """Sigma (n,) of an isotropic nuisance whose effect equals the noise: sqrt(tr R) / |H|_F."""
     critical: Array = np.sqrt(np.einsum("npp->n", R)) / np.sqrt(np.einsum("npq,npq->n", H, H))
     return critical
-
-
-def _nuisance_names(problem: LinearProblem) -> set[str]:
-    state = set(problem.blocks[0].names)
-    names = {prior.name for prior in problem.priors if not state & set(prior.names)}
-    return names | {white.name for white in problem.white} | {markov.name for markov in problem.markov}
 
 
 def _markov_covariances(F: Array, Q: Array, P0: Array) -> Array:
@@ -244,7 +291,8 @@ def _markov_covariances(F: Array, Q: Array, P0: Array) -> Array:
 
 
 def _decibel(noise: Array, nuisance: Array) -> Array:
-    out: Array = 10.0 * np.log10(noise / nuisance)
+    with np.errstate(divide="ignore"):
+        out: Array = 10.0 * np.log10(noise / nuisance)
     return out
 
 

@@ -12,19 +12,20 @@ import numpy.typing as npt
 
 from nebosvod import blame
 from nebosvod.accuracy import comparison
+from nebosvod.assembly import View
 from nebosvod.blame import Worlds, kind_of_problem, prediction_rows, state_rows
 from nebosvod.curves import curves
-from nebosvod.estimation.budget import NoiseToNuisance, critical_sigma, noise_to_nuisance
+from nebosvod.estimation import LinearProblem
 from nebosvod.fitting import Fit
 from nebosvod.montecarlo import Sample
 from nebosvod.nonlinearity import clones, impact_share, nonlinearity, spread_of
 from nebosvod.predictions import Quantity, known_partials, prediction_row
+from nebosvod.ratio import ratio
 from nebosvod.report.folder import slug
 from nebosvod.required import required
 from nebosvod.scene import Scene
 
 Array = npt.NDArray[np.float64]
-LIMITS_DB = (0, 20, 40)
 CLONES_MOST = 2000  # 7 ms each
 
 
@@ -46,6 +47,7 @@ def assess(
     predicted: Mapping[str, Sequence[Quantity]],
     samples: Mapping[str, Sample],
     seed: int = 0,
+    nominal: tuple[LinearProblem, View] | None = None,
 ) -> Findings:
     """Take the accuracy of every estimator apart.
 
@@ -54,6 +56,7 @@ def assess(
     predicted : evaluated predictions by estimator, of those that have an estimate.
     samples : Monte Carlo samples by estimator, empty without Monte Carlo.
     seed : of the orbits drawn about the first estimate, as many as its sample has runs (at most CLONES_MOST).
+    nominal : problem and view at the nominal point, for the ratio of noise to nuisance; of the first fit if absent.
 
     Notes
     -----
@@ -68,11 +71,11 @@ def assess(
             worlds[kind_of_problem(fit)] = Worlds.of(fit)
     own = {fit.estimator.name: replace(worlds[kind_of_problem(fit)], now=fit.estimate) for fit in found}
     different = [next(fit for fit in found if kind_of_problem(fit) == kind) for kind in worlds]
-    ratio, ratio_arrays = _ratio(scene, fits[0])
+    against, ratio_arrays = ratio(scene, *(nominal or (fits[0].problem, fits[0].seen)))
     leading = next((fit for fit in found if fit.problem.n <= blame.LARGE and not fit.own_gain), None)
-    ratio["required_position"] = []
+    against["required_position"] = []
     if leading is not None:
-        ratio["required_position"] = required(scene, leading, predicted[leading.estimator.name])
+        against["required_position"] = required(scene, leading, predicted[leading.estimator.name])
     rows: list[dict[str, Any]] = []
     bent: dict[Any, list[dict[str, Any]]] = {}
     for fit in found:
@@ -87,7 +90,7 @@ def assess(
     return Findings(
         budget=[row for fit in found for row in state_rows(scene, fit, own[fit.estimator.name])],
         predictions=rows,
-        noise_to_nuisance=ratio,
+        noise_to_nuisance=against,
         curves=curves(leading, predicted[leading.estimator.name]) if leading is not None else [],
         accuracy_comparison=comparison(scene, different, predicted, samples),
         arrays=ratio_arrays | drawn,
@@ -106,59 +109,3 @@ def _drawn(
         if "impact_probability_linear" in row:
             row["impact_probability_monte_carlo"] = impact_share(one, found)
     return {f"clones_{slug(one.request.name)}_{one.unit}": found for one, found in zip(asked, points)}
-
-
-def _ratio(scene: Scene, fit: Fit) -> tuple[dict[str, Any], dict[str, Array]]:
-    """The noise-to-nuisance block with its means by telescope, and the ratios at each measurement."""
-    found = noise_to_nuisance(fit.problem)
-    seen = fit.observation
-    # the critical size is that of a telescope position error even where the mission knows of none
-    critical = critical_sigma(np.broadcast_to(fit.problem.truth, (fit.problem.n, 2, 2)), seen.H_z)
-    everywhere = np.ones(seen.t_s.size, dtype=bool)
-    block = {
-        **_means(found, critical, everywhere),
-        "eta_db": [_finite(value) for value in found.eta_db],
-        "sigma_z_critical_km": [_finite(value) for value in critical],
-        "by_telescope": [
-            {"telescope": telescope.name, **_means(found, critical, seen.telescope_index == number)}
-            | _spread(critical[seen.telescope_index == number])
-            for number, telescope in enumerate(seen.telescopes)
-        ],
-        "limit_statistic": "median over the measurements",
-    }
-    arrays = {
-        "eta_db": found.eta_db,
-        "eta_effective_db": found.eta_effective_db,
-        "eta_whitened_db": found.eta_whitened_db,
-        "sigma_z_critical_km": critical,
-    }
-    return block, arrays
-
-
-def _means(found: NoiseToNuisance, critical: Array, mine: npt.NDArray[np.bool_]) -> dict[str, Any]:
-    """Means of the ratios over some measurements, and the limits of the position error for 0, 20 and 40 dB."""
-    return {
-        "eta_db_mean": _mean(found.eta_db[mine]),
-        "eta_effective_db_mean": _mean(found.eta_effective_db[mine]),
-        "eta_whitened_db_mean": _mean(found.eta_whitened_db[mine]),
-        "sigma_z_limit_km": {f"{db}_dB": float(np.median(critical[mine])) * 10.0 ** (-db / 20.0) for db in LIMITS_DB},
-    }
-
-
-def _spread(critical: Array) -> dict[str, Any]:
-    return {
-        "n_observations": int(critical.size),
-        "sigma_z_critical_min_km": float(critical.min()),
-        "sigma_z_critical_median_km": float(np.median(critical)),
-        "sigma_z_critical_max_km": float(critical.max()),
-    }
-
-
-def _mean(values: Array) -> float | None:
-    """Mean of the finite ones; None where nothing but noise acts."""
-    finite = values[np.isfinite(values)]
-    return float(finite.mean()) if finite.size else None
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nebosvod import __version__
-from nebosvod.assembly import View, nominal_point, view
+from nebosvod.assembly import View, computed_psi, linear_problem, nominal_point, view
 from nebosvod.assessment import assess
 from nebosvod.errors import InputError
 from nebosvod.fitting import Fit, fit
@@ -58,7 +58,8 @@ def run(mission: Mission, seed: int = 0, progress: Callable[[str], None] | None 
     predicted = {one.estimator.name: _predict(scene, one) for one in fits if one.estimate.solution is not None}
     samples = _samples(scene, nominal, priors, fits, seed, say)
     say("taking the accuracy apart")
-    findings = assess(scene, fits, predicted, samples, seed)
+    base = linear_problem(scene, mission.estimators[0], nominal, computed_psi(nominal), priors, about=nominal.point)
+    findings = assess(scene, fits, predicted, samples, seed, (base, nominal))
     trials = [{"estimator": name, **consistency(sample)} for name, sample in samples.items()]
     return Result(
         summary=summarise(scene, priors, fits, findings) | consistency_block(trials),

@@ -75,7 +75,8 @@ DENSITY = _dimension(
 ACCELERATION = _dimension(
     "non-gravitational parameter", "a", "-2.9e-14 au/d^2", {"au/d^2": 1.0}, au_per_d2="au/d^2", AU_per_d2="au/d^2"
 )  # fmt: skip
-DIMENSIONS = (ANGLE, ANGLE_RATE, LENGTH, SPEED, DURATION, RADIUS, MASS, DENSITY, ACCELERATION)
+RATIO = _dimension("ratio", "a", "20 dB", {"dB": 1.0})
+DIMENSIONS = (RATIO, ANGLE, ANGLE_RATE, LENGTH, SPEED, DURATION, RADIUS, MASS, DENSITY, ACCELERATION)
 
 
 def quantity(value: object, dimension: Dimension) -> float:

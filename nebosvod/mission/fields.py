@@ -19,6 +19,7 @@ from nebosvod.units import (
     LENGTH,
     MASS,
     RADIUS,
+    RATIO,
     SPEED,
     Dimension,
     quantity,
@@ -123,6 +124,7 @@ PositiveAngleRate = Annotated[float, _positive(ANGLE_RATE)]
 Size = Annotated[float, _positive(RADIUS)]
 MassKg = Annotated[float, _positive(MASS)]
 DensityKgM3 = Annotated[float, _positive(DENSITY)]
+Decibel = Annotated[float, measured(RATIO, -200.0, 200.0, text="-200 dB to 200 dB")]
 Acceleration = Annotated[float, measured(ACCELERATION)]
 PositiveAcceleration = Annotated[float, _positive(ACCELERATION)]
 

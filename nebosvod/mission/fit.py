@@ -32,7 +32,7 @@ from nebosvod.mission.uncertainty import Bias, Position, Timing
 from nebosvod.timescale import Epoch
 
 Complaint = tuple[KeyPath, str]
-NOT_HERE = ("telescopes", "shared", "schedule", "estimators", "monte_carlo", "reference_epoch")
+NOT_HERE = ("telescopes", "shared", "schedule", "estimators", "monte_carlo", "noise_to_nuisance", "reference_epoch")
 MAX_FILES = 1000
 MAX_NAMES = 100
 J2000 = "2000-01-01T12:00:00 TDB"

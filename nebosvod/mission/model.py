@@ -21,6 +21,7 @@ from nebosvod.mission.request import (
     Estimator,
     ForcePlan,
     MonteCarlo,
+    NuisancePlan,
     Prediction,
     Prior,
     ReportPlan,
@@ -79,6 +80,7 @@ class Mission(Block):
     estimators: Annotated[Several[Estimator], Field(min_length=1, max_length=100)] = (DEFAULT_ESTIMATOR,)
     predictions: Annotated[Several[Prediction], Field(max_length=1000)] = ()
     monte_carlo: MonteCarlo | None = None
+    noise_to_nuisance: NuisancePlan = NuisancePlan()
     force_model: ForcePlan = ForcePlan()
     report: ReportPlan = ReportPlan()
 

@@ -10,6 +10,7 @@ from nebosvod.errors import InputError
 from nebosvod.mission.covariance import COMETARY_SCALE, NONGRAV_SCALE, STATE_SCALE, Array, Matrix, checked
 from nebosvod.mission.fields import (
     Block,
+    Decibel,
     KeyPath,
     Parsed,
     PositiveDuration,
@@ -213,6 +214,18 @@ class EncounterPrediction(Block):
 
 
 Prediction = Annotated[SkyPrediction | StatePrediction | EncounterPrediction, Field(discriminator="plane")]
+
+
+NuisanceGroup = Literal["parameters", "position", "bias", "timing", "photocentre"]
+
+
+class NuisancePlan(Block):
+    """What counts as nuisance where the noise is held against it, and how small it should be."""
+
+    eta_min: Decibel = Field(20.0, description="Noise over nuisance that is wanted; limits of the position follow")
+    nuisances: Annotated[Several[NuisanceGroup], Field(min_length=1)] = Field(
+        ("parameters", "position"), description="Those of the mean ratio; one with all of them is given beside it"
+    )
 
 
 class MonteCarlo(Block):

@@ -122,6 +122,9 @@ def required_table(run: RunFolder) -> Table | None:
     )  # fmt: skip
 
 
+RATIOS = ("eta_db_mean", "eta_all_db_mean", "eta_effective_db_mean", "eta_whitened_db_mean")
+
+
 def limit_table(run: RunFolder) -> Table | None:
     """How well each telescope must be known for a wanted noise-to-nuisance ratio of one measurement."""
     block = run.summary.get("noise_to_nuisance") or {}
@@ -130,7 +133,8 @@ def limit_table(run: RunFolder) -> Table | None:
     rows: list[tuple[Cell, ...]] = []
     for one in parts:
         cells: list[Cell] = [one["telescope"]]
-        cells += [quantity(one.get(k)) for k in ("eta_db_mean", "eta_effective_db_mean", "eta_whitened_db_mean")]
+        cells += [quantity(one.get(k)) for k in RATIOS]
+        cells.append(quantity(one.get("sigma_equivalent_arcsec"), "arcsec"))
         cells += [quantity(one.get(f"sigma_z_critical_{k}_km"), "km") for k in ("min", "max")]
         cells += [quantity(v, "km") for v in one["sigma_z_limit_km"].values()]
         rows.append(tuple(cells))
@@ -138,11 +142,12 @@ def limit_table(run: RunFolder) -> Table | None:
         return None
     limits = [key.replace("_", NBSP) for key in parts[-1]["sigma_z_limit_km"]]
     return Table(
-        caption="Noise-to-nuisance ratio, dB (each measurement by itself; counted with all that a common nuisance "
-        "touches; whitened), and the telescope position sigma that is as large as the noise, or keeps the ratio at a "
-        "limit for the median measurement",
-        head=("telescope", "mean ratio", "effective", "whitened", "critical, least", "critical, most", *limits),
-        align="l" + "r" * (5 + len(limits)), rows=tuple(rows),
+        caption="Noise-to-nuisance ratio, dB (each measurement by itself; with all nuisances; counted with all that a "
+        "common nuisance touches; whitened), the sigma of one measurement with its nuisances, and the telescope "
+        "position sigma that is as large as the noise, or keeps the ratio at a limit for the median measurement",
+        head=("telescope", "mean ratio", "with all", "effective", "whitened", "noise and nuisances", "critical, least",
+              "critical, most", *limits),
+        align="l" + "r" * (7 + len(limits)), rows=tuple(rows),
     )  # fmt: skip
 
 

@@ -10,7 +10,7 @@ from nebosvod.report.download import csv
 from nebosvod.report.folder import Array, Item, RunFolder
 from nebosvod.report.plate import BLUE, GREY, INK, SERIES, VERMILION, Plate, thin
 from nebosvod.report.scale import calendar, linear, logarithmic
-from nebosvod.report.wording import NBSP, count, finite, join, quantity
+from nebosvod.report.wording import NBSP, count, finite, join, number, quantity
 from nebosvod.timescale import SECONDS_PER_DAY
 
 ARCSEC = np.pi / 648000.0
@@ -189,6 +189,9 @@ def _residual_caption(
     return caption
 
 
+NUISANCES = {"parameters": "dynamic parameters", "position": "telescope position"}
+
+
 def noise_to_nuisance(run: RunFolder) -> Plate | None:
     """Noise-to-nuisance ratio of each measurement, dB, and the telescope position error that equals the noise."""
     block = run.summary.get("noise_to_nuisance") or {}
@@ -216,6 +219,9 @@ def noise_to_nuisance(run: RunFolder) -> Plate | None:
         )
     ]
     panels[0][0].level(0.0, stroke=INK, stroke_width=0.9)
+    goal = block.get("eta_min_db")
+    if finite(goal) and low < goal < float(np.nanmax(values)):
+        panels[0][0].level(goal, stroke=INK, stroke_width=0.9, stroke_dasharray="5 3")
     if both:
         panels.append(
             (chart.panel(dates, logarithmic(critical, "critical σ, km"), top=146.0, bottom=238.0, left=58.0), critical)
@@ -254,10 +260,12 @@ def noise_to_nuisance(run: RunFolder) -> Plate | None:
 def _nuisance_caption(run: RunFolder, block: Item, values: Array, critical: Array) -> Markup:
     """Mean and range of the ratio, and what it means."""
     worse = float(np.mean(values[np.isfinite(values)] < 0.0))
+    named = join(NUISANCES.get(group, group) for group in block.get("nuisances") or ["all"])
     text = Markup(
-        "Power of the measurement noise over that of the nuisances (telescope position, bias, "
-        "physical parameters) in each measurement: {}{}dB on average, {} to {}{}dB."
+        "Power of the measurement noise over that of the nuisances ({}) in each measurement: {}{}dB on average (a "
+        "ratio of sums), {} to {}{}dB."
     ).format(
+        named,
         quantity(block.get("eta_db_mean")),
         NBSP,
         quantity(float(np.nanmin(values))),
@@ -269,6 +277,17 @@ def _nuisance_caption(run: RunFolder, block: Item, values: Array, critical: Arra
     else:
         text += Markup(" Below 0{}dB the nuisances outweigh the noise: {}{}% of the measurements.").format(
             NBSP, round(100 * worse), NBSP
+        )
+    every, goal = block.get("eta_all_db_mean"), block.get("eta_min_db")
+    if every is not None:
+        text += Markup(" With all nuisances of the mission the mean is {}{}dB.").format(quantity(every), NBSP)
+    if goal is not None:
+        text += Markup(" {} of {} stay below the {}{}dB that are wanted.").format(
+            block["n_below_eta_min"], count(len(values), "measurement"), number(goal), NBSP
+        )
+    if finite(block.get("sigma_nuisance_arcsec")):
+        text += Markup(" The nuisances act as an error of {} of one measurement, with the noise {}.").format(
+            quantity(block["sigma_nuisance_arcsec"], "arcsec"), quantity(block["sigma_equivalent_arcsec"], "arcsec")
         )
     effective = block.get("eta_effective_db_mean")
     if effective is not None:

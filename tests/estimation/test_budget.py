@@ -1,5 +1,7 @@
 """Shares, vanished sources, and the ratio of noise to nuisance."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -57,6 +59,46 @@ def test_default_sources_leave_out_the_prior_of_the_state(make_problem):
     with_state = budget.noise_to_nuisance(make_problem(state_prior="own"))
     named = budget.noise_to_nuisance(make_problem(state_prior="own"), ("c", "bias A", "bias B", "z A", "z B"))
     np.testing.assert_allclose(with_state.eta_db, named.eta_db, rtol=1e-12)
+
+
+def test_the_mean_is_a_ratio_of_sums_over_any_measurements():
+    near, far = direction_problem(3.5e6), direction_problem(1e8)
+    H = np.concatenate([near.white[0].H, far.white[0].H])
+    white = White(name="position", H=H, Q=near.white[0].Q, rows=np.arange(len(H)))
+    blocks = tuple(replace(b, H=np.concatenate([b.H, b.H])) for b in near.blocks)
+    both = replace(near, residual=np.zeros((len(H), 2)), blocks=blocks, white=(white,), noise_label=None)
+    found = budget.noise_to_nuisance(both)
+    R = 2.0 * (0.1 * ARCSEC) ** 2
+    N = np.array([np.trace(h @ np.asarray(near.white[0].Q)[0] @ h.T) for h in H])
+    assert found.eta_db_mean == pytest.approx(10.0 * np.log10(len(H) * R / N.sum()), abs=1e-9)
+    mine = np.arange(len(H)) >= near.n
+    assert found.mean_db("eta", mine) == pytest.approx(10.0 * np.log10(mine.sum() * R / N[mine].sum()), abs=1e-9)
+    np.testing.assert_allclose(found.sigma_nuisance, np.sqrt(N / 2.0), rtol=1e-9)
+    np.testing.assert_allclose(found.sigma_equivalent, np.sqrt((R + N) / 2.0), rtol=1e-9)
+
+
+def test_of_a_prior_joint_with_the_state_the_other_parameters_count(make_problem):
+    """With their marginal covariance: correlations with the state change nothing."""
+    apart = make_problem(state_prior="own")
+    state = next(prior for prior in apart.priors if set(prior.names) & set(apart.blocks[0].names))
+    other = next(prior for prior in apart.priors if prior.name == "c")
+    rest = tuple(prior for prior in apart.priors if prior not in (state, other))
+    C = np.zeros((len(state.names) + len(other.names),) * 2)
+    C[: len(state.names), : len(state.names)] = state.covariance
+    C[len(state.names) :, len(state.names) :] = other.covariance
+    T = np.eye(len(C))
+    T[: len(state.names), len(state.names) :] = 3.0 * np.sqrt(np.diag(state.covariance))[:, None]
+    joint = Prior(name="joint", names=(*state.names, *other.names), covariance=T @ C @ T.T)
+    found = budget.noise_to_nuisance(replace(apart, priors=(joint, *rest)))
+    wanted = budget.noise_to_nuisance(apart)
+    np.testing.assert_allclose(found.eta_db, wanted.eta_db, atol=1e-9)
+    np.testing.assert_allclose(found.eta_effective_db, wanted.eta_effective_db, atol=1e-9)
+
+
+def test_what_is_fixed_is_no_nuisance(make_problem):
+    fixed = make_problem(treatments={"c": "fixed", "z": "fixed"})
+    named = budget.noise_to_nuisance(make_problem(), ("bias A", "bias B"))
+    np.testing.assert_allclose(budget.noise_to_nuisance(fixed).eta_db, named.eta_db, atol=1e-9)
 
 
 def test_stationary_correlated_nuisance_counts_with_its_variance(make_problem):
