@@ -242,15 +242,35 @@ def noise_to_nuisance(problem: LinearProblem, sources: Sequence[str] | None = No
     ----------
     Guo, Ivashkin 2018, (3.17)-(3.31).
     """
-    n, p = problem.n, problem.p
-    fresh, common, counted = np.zeros((n, p, p)), np.zeros((n, p, p)), np.zeros((n, p, p))
-    strength = np.zeros(n)
+    fresh, strength = _fresh_nuisance(problem, sources)
+    common, counted = _common_nuisance(problem, sources)
+    R = np.broadcast_to(problem.truth, (problem.n, problem.p, problem.p))
+    return NoiseToNuisance(
+        p=problem.p,
+        noise=np.einsum("npp->n", R),
+        nuisance=np.einsum("npp->n", fresh + common),
+        counted=np.einsum("npp->n", fresh + counted),
+        whitened=_whitened_trace(R, fresh + common),
+        strength=strength,
+    )
+
+
+def _fresh_nuisance(problem: LinearProblem, sources: Sequence[str] | None) -> tuple[Array, Array]:
+    """Covariances (n, p, p) by white and time-correlated nuisances, and the squared norms (n,) of their partials."""
+    total, strength = np.zeros((problem.n, problem.p, problem.p)), np.zeros(problem.n)
     groups: tuple[White | Markov, ...] = (*problem.white, *problem.markov)
     for group in groups:
         if group.treatment != "fixed" and (sources is None or group.name in sources):
             covariance = group.truth if isinstance(group, White) else _markov_covariances(group.F, group.Q, group.P0)
-            fresh[group.rows] += projected(group.H, covariance)
+            total[group.rows] += projected(group.H, covariance)
             strength[group.rows] += np.einsum("npq,npq->n", group.H, group.H)
+    return total, strength
+
+
+def _common_nuisance(problem: LinearProblem, sources: Sequence[str] | None) -> tuple[Array, Array]:
+    """Covariances (n, p, p) by common parameters beside the first block; and each counted with all that it touches."""
+    total = np.zeros((problem.n, problem.p, problem.p))
+    counted = np.zeros_like(total)
     columns = {
         name: block.H[:, :, k]
         for block in problem.blocks[1:]
@@ -262,17 +282,9 @@ def noise_to_nuisance(problem: LinearProblem, sources: Sequence[str] | None = No
         if kept and (sources is None or prior.name in sources):
             H = np.stack([columns[prior.names[index]] for index in kept], axis=2)
             part = projected(H, prior.truth[np.ix_(kept, kept)][None])
-            common += part
+            total += part
             counted += part * int(H.any(axis=(1, 2)).sum())
-    R = np.broadcast_to(problem.truth, (n, p, p))
-    return NoiseToNuisance(
-        p=p,
-        noise=np.einsum("npp->n", R),
-        nuisance=np.einsum("npp->n", fresh + common),
-        counted=np.einsum("npp->n", fresh + counted),
-        whitened=_whitened_trace(R, fresh + common),
-        strength=strength,
-    )
+    return total, counted
 
 
 def critical_sigma(R: Array, H: Array) -> Array:

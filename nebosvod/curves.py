@@ -3,10 +3,11 @@
 Against the number of measurements four curves stand together, as in the first figure of the source: noise only (the
 state from noisy measurements, nothing else uncertain), prior only (a level), noise and prior of the dynamics, and
 everything. Each is one O(n) pass of the sequential filter, in time order, so the same pass is the curve against the
-arc. Repeating one geometry N times gives the slope -1/2 in logarithms; a growing arc does better.
+arc; where the filter cannot follow the truth (something is left out beside an error correlated in time) each point is a
+batch of its own. Repeating one geometry N times gives the slope -1/2 in logarithms; a growing arc does better.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -83,10 +84,12 @@ def by_count(fit: Fit, asked: Sequence[Quantity]) -> list[dict[str, Any]]:
     ]
     arc = np.maximum(t_s - t_s[0], 0.0)
     for name, world in worlds.items():
-        for row, quantity, total in zip(rows, asked, _followed(world, asked)):
-            row[f"{name}_{quantity.unit}"] = [_finite(value) for value in total[place]]
-            row["slope"][name] = last_slope(np.arange(1.0, n + 1.0), total)
-            row["slope_arc"][name] = last_slope(arc, total)
+        passed = _followed(world, asked)
+        known, totals = (np.arange(n), passed) if passed is not None else (place, _stepped(world, asked, place))
+        for row, quantity, total in zip(rows, asked, totals):
+            row[f"{name}_{quantity.unit}"] = [_finite(value) for value in total[np.searchsorted(known, place)]]
+            row["slope"][name] = last_slope(known + 1.0, total)
+            row["slope_arc"][name] = last_slope(arc[known], total)
     for row, quantity in zip(rows, asked):
         row[f"prior_only_{quantity.unit}"] = prior_sigma(problem, quantity)
     return rows
@@ -94,7 +97,8 @@ def by_count(fit: Fit, asked: Sequence[Quantity]) -> list[dict[str, Any]]:
 
 def prior_sigma(problem: LinearProblem, quantity: Quantity) -> float | None:
     """Total sigma of a quantity from the priors alone; None while some of the state has no prior."""
-    place = {name: index for index, name in enumerate(quantity.names)}
+    live = set(problem.names("estimated", "considered", "ignored"))  # what is fixed has no error
+    place = {name: index for index, name in enumerate(quantity.names) if name in live}
     variance, known = 0.0, set()
     for prior in problem.priors:
         inside = [index for index, name in enumerate(prior.names) if name in place]
@@ -158,8 +162,14 @@ def last_slope(x: Array, sigma: Array, sign: float = 1.0) -> float | None:
     return float(sign * np.polyfit(np.log(x[inside]), np.log(sigma[inside]), 1)[0])
 
 
-def _followed(problem: LinearProblem, asked: Sequence[Quantity]) -> list[Array]:
-    """Total sigma (n,) of each quantity after each measurement, all in one pass; formal where truth has no history."""
+def _stepped(problem: LinearProblem, asked: Sequence[Quantity], place: npt.NDArray[np.int64]) -> list[Array]:
+    """Total sigma of each quantity after some of the measurements, a batch each."""
+    parts = (subset(problem, np.arange(problem.n) <= last) for last in place)
+    return [np.array(values) for values in _totals(parts, asked)]
+
+
+def _followed(problem: LinearProblem, asked: Sequence[Quantity]) -> list[Array] | None:
+    """Total sigma (n,) of each quantity after each measurement, all in one pass; None where that has no truth."""
     known = set(problem.names("estimated", "considered", "ignored"))
     names = tuple(dict.fromkeys(name for quantity in asked for name in quantity.names if name in known))
     blocks = []
@@ -169,13 +179,14 @@ def _followed(problem: LinearProblem, asked: Sequence[Quantity]) -> list[Array]:
             if name in known:
                 W[:, names.index(name)] = quantity.partials[:, column]
         blocks.append(W)
-    formal, true = recursive.follow(problem, np.vstack(blocks), names)
-    sigma = formal if true is None else true
+    _, sigma = recursive.follow(problem, np.vstack(blocks), names)
+    if sigma is None:
+        return None
     edges = np.cumsum([len(W) for W in blocks])[:-1]
     return [np.sqrt(np.sum(part**2, axis=1)) for part in np.split(sigma, edges, axis=1)]
 
 
-def _totals(problems: Sequence[LinearProblem], asked: Sequence[Quantity]) -> list[list[float]]:
+def _totals(problems: Iterable[LinearProblem], asked: Sequence[Quantity]) -> list[list[float]]:
     """Total sigma of each quantity in each problem; inf where it is not observable."""
     found: list[list[float]] = [[] for _ in asked]
     for problem in problems:

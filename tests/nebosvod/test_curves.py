@@ -65,6 +65,85 @@ def test_each_curve_ends_where_a_mission_of_that_kind_ends(
         assert all(a <= b * (1 + 1e-6) for a, b in both)
 
 
+PLACE = "    position: {sigma: 3 km, correlation: white, treatment: estimated}\n"
+BIAS = "    bias: {sigma: 0.05 arcsec, treatment: estimated}\n"
+KINDS = {
+    "white": "sigma: 30 km, correlation: white",
+    "constant": "sigma: 30 km, correlation: constant",
+    "gauss_markov": "sigma: 30 km, correlation: gauss_markov, time: 4 d",
+    "orbit_error": "sigma: 30 km, velocity_sigma: 10 mm/s, correlation: orbit_error",
+}
+
+
+def dense_sigma(one: Fit, asked: Quantity, rows: int) -> float:
+    """Total sigma after some measurements by matrices of full size: weights as assumed, errors as they are."""
+    problem, t_s, m = one.problem, one.observation.t_s[:rows], 2 * rows
+    noise = np.zeros((m, m))
+    for k in range(rows):
+        noise[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] = np.broadcast_to(problem.R, (problem.n, 2, 2))[k]
+    weighed, unseen = noise.copy(), np.zeros((m, m))
+    for group in (*problem.white, *problem.markov):
+        D = np.zeros((m, 3 * rows))
+        for H, k in zip(group.H, group.rows):
+            if k < rows:
+                D[2 * k : 2 * k + 2, 3 * k : 3 * k + 3] = H
+        white = group in problem.white
+        kernel = np.eye(rows) if white else np.exp(-np.abs(t_s[:, None] - t_s) / (4 * 86400.0))
+        covariance = D @ np.kron(kernel, 900.0 * np.eye(3)) @ D.T
+        weighed += covariance if group.treatment == "estimated" else 0.0
+        unseen += covariance if group.treatment in ("considered", "ignored") else 0.0
+    variance = {name: prior.covariance[i, i] for prior in problem.priors for i, name in enumerate(prior.names)}
+    blocks = {how: [b for b in problem.blocks if b.treatment == how] for how in ("estimated", "considered", "ignored")}
+    left_out = [*blocks["considered"], *blocks["ignored"]]
+    names = [name for b in blocks["estimated"] for name in b.names]
+    H_e = np.concatenate([b.H[:rows] for b in blocks["estimated"]], axis=2).reshape(m, -1)
+    for block in left_out:
+        H_j = block.H[:rows].reshape(m, -1)
+        unseen += H_j @ np.diag([variance[name] for name in block.names]) @ H_j.T
+    unit = np.array([one.estimate.sigma_formal(name) for name in names])  # columns of one size: the matrices stay good
+    prior = np.diag([1.0 / variance[name] if name in variance else 0.0 for name in names]) * np.outer(unit, unit)
+    U = H_e * unit
+    K = np.linalg.solve(U.T @ np.linalg.solve(weighed, U) + prior, np.eye(len(names)))
+    gain = K @ np.linalg.solve(weighed, U).T
+    W = np.zeros((len(asked.partials), len(names)))
+    for column, name in enumerate(asked.names):
+        if name in names:
+            W[:, names.index(name)] = asked.partials[:, column] * unit[names.index(name)]
+    true = gain @ (weighed + unseen) @ gain.T + K @ prior @ K
+    return float(np.sqrt(np.trace(W @ true @ W.T)))
+
+
+@pytest.mark.parametrize("bias", ["fixed", "ignored", "considered", "estimated"])
+@pytest.mark.parametrize("position", ["estimated", "considered"])
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_whole_curve_is_the_true_sigma_in_every_mix_of_treatments(
+    kind: str, position: str, bias: str, make_setting: MakeSetting, minimal_text: str
+) -> None:
+    """After a third of the measurements and after all, against dense algebra; the end is what the run reports too."""
+    text = minimal_text.replace(PLACE, f"    position: {{{KINDS[kind]}, treatment: {position}}}\n")
+    text = text.replace(BIAS, f"    bias: {{sigma: 0.3 arcsec, treatment: {bias}}}\n")
+    one, asked = solved(make_setting(load_mission_text(text)))
+    found = curves(one, asked)[0]
+    curve = found["measurements"]
+    for place in (next(i for i, count in enumerate(curve["count"]) if count > one.problem.n // 3), -1):
+        wanted = dense_sigma(one, asked[0], curve["count"][place])
+        assert curve["all_km"][place] == pytest.approx(wanted, rel=1e-4)
+    reported = np.sqrt(np.trace(one.estimate.predict(*known_partials(asked[0], one.estimate)).covariance))
+    assert curve["all_km"][-1] == pytest.approx(reported, rel=1e-7)
+    assert found["cadence"]["sigma_total_km"][0] == pytest.approx(reported, rel=1e-9)
+    quiet = found["telescope_noise"]
+    assert quiet["sigma_total_km"][quiet["factor"].index(1.0)] == pytest.approx(reported, rel=1e-9)
+
+
+def test_a_prior_of_what_is_fixed_is_not_part_of_the_prior_alone(make_setting: MakeSetting, minimal_text: str) -> None:
+    """An estimator may fix what the mission calls uncertain: the prior stays in the table, its error is gone."""
+    text = minimal_text + "prior: {sigma: {position: 10 km, velocity: 1 mm/s}}\nestimators:\n"
+    fixed = "  - {name: a, method: batch_qr, treatment: {radius: fixed, mass: fixed, albedo: fixed}}\n"
+    one, asked = solved(make_setting(load_mission_text(text + fixed + "  - {name: b, method: batch_qr}\n")))
+    wanted = np.sqrt(np.sum((asked[0].partials[:, :6] * np.repeat([10.0, 1e-6], 3)) ** 2))
+    assert prior_sigma(one.problem, asked[0]) == pytest.approx(wanted, rel=1e-9)
+
+
 def test_half_an_arc_is_the_mission_of_half_the_arc(
     make_setting: MakeSetting, minimal_setting: Setting, minimal_text: str
 ) -> None:
