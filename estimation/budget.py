@@ -137,6 +137,27 @@ def scaled(problem: LinearProblem, source: str, factor: float) -> LinearProblem:
     )
 
 
+def unknown(problem: LinearProblem, source: str) -> LinearProblem | None:
+    """Return the problem in a world where nothing is known beforehand of what a prior is about, `without` reversed.
+
+    Only what is estimated can do without: parameters left out keep their part of the prior. None where the source is
+    no prior of an estimated parameter.
+    """
+    prior = next((prior for prior in problem.priors if prior.name == source), None)
+    estimated = set(problem.names("estimated"))
+    if prior is None or not estimated & set(prior.names):
+        return None
+    kept = [index for index, name in enumerate(prior.names) if name not in estimated]
+    rest = tuple(one for one in problem.priors if one is not prior)
+    if kept:
+        at = np.ix_(kept, kept)
+        true = None if prior.true_covariance is None else prior.true_covariance[at]
+        mean = None if prior.mean is None else prior.mean[kept]
+        names = tuple(prior.names[index] for index in kept)
+        rest += (Prior(name=source, names=names, covariance=prior.covariance[at], mean=mean, true_covariance=true),)
+    return replace(problem, priors=rest)
+
+
 def _with_noise(problem: LinearProblem, label: int, square: float) -> LinearProblem:
     """The problem with the noise covariance of one noise source times `square`."""
     labels = np.zeros(problem.n, dtype=np.int64) if problem.noise_label is None else problem.noise_label

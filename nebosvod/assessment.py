@@ -76,16 +76,7 @@ def assess(
     against["required_position"] = []
     if leading is not None:
         against["required_position"] = required(scene, leading, predicted[leading.estimator.name])
-    rows: list[dict[str, Any]] = []
-    bent: dict[Any, list[dict[str, Any]]] = {}
-    for fit in found:
-        name, kind = fit.estimator.name, kind_of_problem(fit)
-        if kind not in bent:
-            bent[kind] = nonlinearity(scene, fit, predicted[name])
-        rows += [
-            prediction_row(asked, fit.estimate, name, prediction_rows(scene, own[name], asked), curved, fit.mean_errors)
-            for asked, curved in zip(predicted[name], bent[kind])
-        ]
+    rows = _prediction_rows(scene, found, predicted, own)
     drawn = _drawn(scene, found[0], predicted[found[0].estimator.name], rows, seed) if found and samples else {}
     return Findings(
         budget=[row for fit in found for row in state_rows(scene, fit, own[fit.estimator.name])],
@@ -95,6 +86,23 @@ def assess(
         accuracy_comparison=comparison(scene, different, predicted, samples),
         arrays=ratio_arrays | drawn,
     )
+
+
+def _prediction_rows(
+    scene: Scene, fits: Sequence[Fit], predicted: Mapping[str, Sequence[Quantity]], own: Mapping[str, Worlds]
+) -> list[dict[str, Any]]:
+    """The `predictions` of every estimator; those with the same treatment of everything bend alike."""
+    rows: list[dict[str, Any]] = []
+    bent: dict[Any, list[dict[str, Any]]] = {}
+    for fit in fits:
+        name, kind = fit.estimator.name, kind_of_problem(fit)
+        if kind not in bent:
+            bent[kind] = nonlinearity(scene, fit, predicted[name])
+        rows += [
+            prediction_row(asked, fit.estimate, name, prediction_rows(scene, own[name], asked), curved, fit.mean_errors)
+            for asked, curved in zip(predicted[name], bent[kind])
+        ]
+    return rows
 
 
 def _drawn(

@@ -1,9 +1,12 @@
-"""Who is to blame: the share of each source in a number, and what would be gained if the source vanished or halved.
+"""Who is to blame: the share of each source in a number, and what would be gained if its error vanished or halved.
 
 Both answers are given: with the gain as it is (only the error shrinks; nothing is estimated anew) and with the gain
 re-optimised (the estimator knows and weighs anew: a new solve; never worse for an estimator that leaves nothing out,
 while one that ignores or considers a source may come to trust the wrong one). Shares of variance add up to one; the
 gains of several remedies do not.
+
+A prior is a source of error too, and its error vanishes where the orbit, or the parameter, is known exactly. What there
+would be without the prior, nothing being known beforehand, is the opposite and stands beside it: `if_unknown`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -22,32 +25,39 @@ from nebosvod.scene import Scene
 Array = npt.NDArray[np.float64]
 LARGE = 20_000  # measurements; above, what needs many solves or searches is left out, and the run says so
 REMEDIES: Mapping[str, float] = {"if_vanished": 0.0, "if_halved": 0.5}
+UNKNOWN = "if_unknown"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Worlds:
-    """An estimate, and the estimates in worlds where one source errs less and the estimator knows it.
+    """An estimate, and the estimates in worlds where one source errs less, or a prior is missing, and that is known.
 
     Attributes
     ----------
     now : the estimate.
     then : by remedy and source.
+    priors : sources that are a prior of something estimated.
     """
 
     now: Estimate
     then: Mapping[tuple[str, str], Estimate]
+    priors: frozenset[str] = frozenset()
 
     @classmethod
     def of(cls, fit: Fit) -> "Worlds":
         """Solve the problem of a fit again for each source and each remedy; a LARGE one is not solved again."""
         solve = SOLVERS[fit.estimator.method] if fit.own_gain else batch.solve
-        then = {}
-        for source in fit.estimate.sources if fit.problem.n <= LARGE else ():
+        found, priors = {}, {}
+        for source in fit.estimate.sources:
+            priors[source] = None if fit.own_gain else budget.unknown(fit.problem, source)
+            if fit.problem.n > LARGE:
+                continue
             for remedy, factor in REMEDIES.items():
-                estimate = solve(budget.scaled(fit.problem, source, factor))
-                if estimate.solution is not None:
-                    then[remedy, source] = estimate
-        return cls(now=fit.estimate, then=then)
+                found[remedy, source] = solve(budget.scaled(fit.problem, source, factor))
+            if (free := priors[source]) is not None:
+                found[UNKNOWN, source] = solve(free)
+        then = {key: estimate for key, estimate in found.items() if estimate.solution is not None}
+        return cls(now=fit.estimate, then=then, priors=frozenset(name for name, one in priors.items() if one))
 
 
 def kind_of_problem(fit: Fit) -> tuple[tuple[str, str], ...]:
@@ -87,6 +97,7 @@ def state_rows(scene: Scene, fit: Fit, worlds: Worlds) -> list[dict[str, Any]]:
                 _state_sigmas(_same_gain(whole, source, size)),
                 _new_gain(worlds, remedy, source, np.eye(6), STATE_NAMES, _state_sigmas),
             )
+        row[UNKNOWN] = _unknown(worlds, source, np.eye(6), STATE_NAMES, _state_sigmas, tuple(part))
         rows.append(row)
     return sorted(rows, key=lambda row: -row["share_position"])
 
@@ -117,6 +128,7 @@ def prediction_rows(scene: Scene, worlds: Worlds, asked: Quantity) -> list[dict[
         for remedy, size in REMEDIES.items():
             same = sigmas(_same_gain(whole, source, size))
             row[remedy] = _both(same, _new_gain(worlds, remedy, source, W, names, sigmas))
+        row[UNKNOWN] = _unknown(worlds, source, W, names, sigmas, tuple(sigmas(part)))
         rows.append(row)
     return sorted(rows, key=lambda row: -row["share_total"])
 
@@ -141,6 +153,16 @@ def _new_gain(
     """The sigmas in the world of a remedy; None where that world could not be solved."""
     estimate = worlds.then.get((remedy, source))
     return None if estimate is None else dict(sigmas(_variances(estimate.predict(W, names))))
+
+
+def _unknown(
+    worlds: Worlds, source: str, W: Array, names: Sequence[str], sigmas: Any, keys: Sequence[str]
+) -> dict[str, Any] | None:
+    """The sigmas without a prior, null where they are not observable or not solved; None for any other source."""
+    if source not in worlds.priors:
+        return None
+    new = _new_gain(worlds, UNKNOWN, source, W, names, sigmas)
+    return {f"{key}_new_gain": None if new is None else new[key] for key in keys}
 
 
 def _both(same: Mapping[str, Any], new: Mapping[str, Any] | None) -> dict[str, Any]:

@@ -88,7 +88,7 @@ def by_count(fit: Fit, asked: Sequence[Quantity]) -> list[dict[str, Any]]:
         known, totals = (np.arange(n), passed) if passed is not None else (place, _stepped(world, asked, place))
         for row, quantity, total in zip(rows, asked, totals):
             row[f"{name}_{quantity.unit}"] = [_finite(value) for value in total[np.searchsorted(known, place)]]
-            row["slope"][name] = last_slope(known + 1.0, total)
+            row["slope"][name] = last_slope(known.astype(np.float64) + 1.0, total)
             row["slope_arc"][name] = last_slope(arc[known], total)
     for row, quantity in zip(rows, asked):
         row[f"prior_only_{quantity.unit}"] = prior_sigma(problem, quantity)

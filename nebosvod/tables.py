@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from nebosvod.assembly import View
 from nebosvod.assessment import Findings
-from nebosvod.blame import REMEDIES
+from nebosvod.blame import REMEDIES, UNKNOWN
 from nebosvod.fitting import Fit
 from nebosvod.observation import Common, residual
 from nebosvod.predictions import ARCSEC
@@ -106,7 +106,8 @@ def all_tables(scene: Scene, nominal: View, fits: Sequence[Fit], psi: Array, fin
         tables["prediction_budget"] = _rows_table(
             [line for row in findings.predictions for line in _flat_sources(row)],
             {},
-            "What each source contributes to each component of a prediction, and the sigma if it vanished or halved",
+            "What each source contributes to each component of a prediction, and the sigma if its error vanished (of a "
+            "prior: known exactly) or halved, or if a prior were missing (unknown)",
         )
     return tables
 
@@ -213,6 +214,7 @@ BUDGET_UNITS = {
     for prefix, suffix in (
         ("", ""),
         *((f"{remedy}_", f"_{gain}_gain") for remedy in REMEDIES for gain in ("same", "new")),
+        (f"{UNKNOWN}_", "_new_gain"),
     )
 }
 
@@ -223,6 +225,9 @@ def _flat_budget(row: Mapping[str, Any]) -> dict[str, Any]:
     flat = {key: row[key] for key in plain}
     for remedy in REMEDIES:
         flat |= {f"{remedy}_{key}": np.nan if value is None else value for key, value in row[remedy].items()}
+    for key in ("sigma_position_km_new_gain", "sigma_velocity_m_s_new_gain"):
+        value = (row[UNKNOWN] or {}).get(key)
+        flat[f"{UNKNOWN}_{key}"] = np.nan if value is None else value
     return flat
 
 
@@ -238,6 +243,8 @@ def _flat_sources(row: Mapping[str, Any]) -> list[dict[str, Any]]:
                 for gain in ("same", "new"):
                     values = source[remedy][f"sigma_{unit}_{gain}_gain"]
                     line[f"{remedy}_{gain}_gain"] = np.nan if values is None else values[k]
+            values = (source[UNKNOWN] or {}).get(f"sigma_{unit}_new_gain")
+            line[f"{UNKNOWN}_new_gain"] = np.nan if values is None else values[k]
             lines.append(line)
     return lines
 

@@ -38,7 +38,7 @@ def all_tables(found: Answer) -> dict[str, Table]:
                 for row in found.budget
             ],
             "What each source contributes to the state at the epoch of the fit; squares of the sigmas add up; what the "
-            "position sigma would be if the source vanished or halved and the weights stayed as they are",
+            "position sigma would be if its error vanished (a prior: known exactly) or halved and the weights stayed",
         )
     return tables
 

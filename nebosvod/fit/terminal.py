@@ -150,7 +150,7 @@ def _budget(summary: Mapping[str, Any]) -> Iterator[str]:
     parts = condensed(rows, summary["telescopes"], BUDGET_SHOWN)
     width = max(34, *(len(part.source) for part in parts))
     yield "What is to blame for the position sigma amid the arc (all in tables/budget.ecsv)"
-    yield f"  {'':<{width}}   share        alone   if vanished"
+    yield f"  {'':<{width}}   share        alone   if no error"
     for part in parts:
         alone, rest = part.sigma("sigma_position_km"), without(rows, part, "sigma_position_km")
         share = 100.0 * part.share("share_position")

@@ -158,7 +158,7 @@ def remedy_sentence(run: RunFolder, main: Item) -> Markup | None:
     if best is None:
         return None
     left = best.then["if_halved", "new"] or 0.0
-    text = Markup("Halving {} would bring {} from {} to {}").format(
+    text = Markup("Halving the error of {} would bring {} from {} to {}").format(
         best.source, books[0].title, quantity(books[0].total, books[0].unit), quantity(left, books[0].unit)
     )  # fmt: skip
     block = next((b for b in run.summary.get("curves") or [] if b["prediction"] == books[0].title), None)

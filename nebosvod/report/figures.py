@@ -241,12 +241,7 @@ def noise_to_nuisance(run: RunFolder) -> Plate | None:
                 size=4.4 if i == 0 else 2.2,
             )
         panel.close()
-    entries = [
-        (SERIES[i % len(SERIES)][1], name, {"color": SERIES[i % len(SERIES)][0], "size": 5.0})
-        for i, name in enumerate(run.telescopes)
-        if np.any(index == i)
-    ]
-    chart.height = chart.legend(entries, (238.0 if both else 132.0) + 44.0, 54.0)
+    chart.height = chart.legend(_telescope_marks(run, index), (238.0 if both else 132.0) + 44.0, 54.0)
     few = thin(len(t))
     columns = {"days_after_reference": (t / SECONDS_PER_DAY)[few], "telescope": [run.telescopes[i] for i in index[few]],
                "noise_to_nuisance_db": values[few], "critical_position_sigma_km": critical[few]}  # fmt: skip
@@ -255,6 +250,15 @@ def noise_to_nuisance(run: RunFolder) -> Plate | None:
         _nuisance_caption(run, block, values, critical),
         [csv("noise-to-nuisance", columns)],
     )
+
+
+def _telescope_marks(run: RunFolder, index: Array) -> list[tuple[str, str, dict[str, Any]]]:
+    """Legend of the telescopes that measure anything."""
+    return [
+        (SERIES[i % len(SERIES)][1], name, {"color": SERIES[i % len(SERIES)][0], "size": 5.0})
+        for i, name in enumerate(run.telescopes)
+        if np.any(index == i)
+    ]
 
 
 def _nuisance_caption(run: RunFolder, block: Item, values: Array, critical: Array) -> Markup:

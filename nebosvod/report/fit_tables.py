@@ -132,9 +132,10 @@ def budget(rows: list[Item], stations: list[str]) -> Table | None:
         return None
     return Table(
         caption="Share of each source in the variance of the position at the epoch of the fit, its sigmas alone, and "
-        "what would remain of the position sigma if it vanished or halved and the weights stayed as they are (exact)"
+        "what would remain of the position sigma if its error vanished (of a prior: were it known exactly) or halved "
+        "and the weights stayed as they are (exact)"
         + ("; all of them in tables/budget.ecsv" if len(rows) > MOST else ""),
-        head=("source", "share of position", "position", "velocity", "position if vanished", "if halved"),
+        head=("source", "share of position", "position", "velocity", "position if no error", "if halved"),
         align="lrrrrr",
         rows=tuple(
             (

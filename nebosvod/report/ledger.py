@@ -9,7 +9,7 @@ from markupsafe import Markup
 from nebosvod.report import wording
 from nebosvod.report.chart import Chart
 from nebosvod.report.download import Download, csv
-from nebosvod.report.facts import grouped, leading, of_telescopes, unit_of
+from nebosvod.report.facts import PRIOR_ORBITS, grouped, leading, of_telescopes, unit_of
 from nebosvod.report.folder import Item, RunFolder, slug
 from nebosvod.report.plate import BLUE, INK, VERMILION, Plate
 from nebosvod.report.scale import linear, named
@@ -24,13 +24,24 @@ SMALL = 5e-4  # a share below this has no room in a bar
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Entry:
-    """One source of a ledger; `then` holds the total sigma by remedy and gain, None where it is not known."""
+    """One source of a ledger; `then` holds the total sigma by remedy and gain, None where it is not known.
+
+    `prior` : whether it is a prior, whose error vanishes where what it is about is known exactly; `unknown` : the total
+    sigma were nothing known of that beforehand.
+    """
 
     source: str
     behind: tuple[str, ...]
     share: float
     sigma: float | None
     then: dict[tuple[str, str], float | None]
+    prior: bool = False
+    unknown: float | None = None
+
+    @property
+    def ideal(self) -> str:
+        """Words for the best that could become of it."""
+        return f"{self.source} known exactly" if self.prior else f"no error of {self.source}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,6 +71,7 @@ class Ledger:
         for remedy in REMEDIES:
             for gain in GAINS:
                 columns[f"total_sigma_{remedy}_{gain}_gain_{self.unit}"] = [e.then[remedy, gain] for e in self.entries]
+        columns[f"total_sigma_if_unknown_new_gain_{self.unit}"] = [e.unknown for e in self.entries]
         return csv(f"budget-{self.key}", columns)
 
 
@@ -83,8 +95,10 @@ def ledgers(run: RunFolder, estimator: Item) -> list[Ledger]:
 def _entry(row: Item, share: float, key: str, total: float) -> Entry:
     """One source; a summary without its own sigma has it from the share."""
     then = {(r, g): (row.get(r) or {}).get(f"{key}_{g}_gain") for r in REMEDIES for g in GAINS}
+    without = row.get("if_unknown")
     return Entry(source=row["source"], behind=tuple(row.get("telescopes") or ()), share=share,
-                 sigma=row.get(key, total * share**0.5), then=then)  # fmt: skip
+                 sigma=row.get(key, total * share**0.5), then=then, prior=without is not None,
+                 unknown=(without or {}).get(f"{key}_new_gain"))  # fmt: skip
 
 
 def _made(key: str, title: str, unit: str, total: float, entries: list[Entry]) -> Ledger:
@@ -196,14 +210,16 @@ def remedies_plate(run: RunFolder, ledger: Ledger) -> Plate | None:
     panel.close()
     entries: list[tuple[str, str, dict[str, Any]]] = [
         ("line", f"now, {number(ledger.total * factor)} {unit}", {"stroke": INK, "stroke_width": 1.2}),
-        ("o", "vanished, re-optimised", {"color": BLUE, "size": 6.5}),
-        ("O", "vanished, gain as it is", {"color": VERMILION}),
+        ("o", "error vanished, re-optimised", {"color": BLUE, "size": 6.5}),
+        ("O", "error vanished, gain as it is", {"color": VERMILION}),
         ("D", "halved, re-optimised", {"color": BLUE}),
         ("P", "halved, gain as it is", {"color": VERMILION}),
     ]
     chart.height = chart.legend(entries, high + 52.0)
     return chart.plate(
-        f"Total sigma of {ledger.title} if one source vanished or halved", _remedies_caption(ledger), [ledger.download]
+        f"Total sigma of {ledger.title} if the error of one source vanished or halved",
+        _remedies_caption(ledger),
+        [ledger.download],
     )
 
 
@@ -219,10 +235,11 @@ def _remedies_caption(ledger: Ledger) -> Markup:
     if best is None or half is None:
         return Markup("")
     text = Markup(
-        "Without <b>{}</b> the sigma of {} would fall from {} to {}, were the estimator told of it; to {} with its "
-        "gain as it is. Halving one source brings most for {}: {}. Shares add up; gains of several remedies do not."
+        "With <b>{}</b> the sigma of {} would fall from {} to {}, were the estimator told of it; to {} with its "
+        "gain as it is. Halving the error of one source brings most for {}: {}. Shares add up; gains of several "
+        "remedies do not."
     ).format(
-        best.source,
+        best.ideal,
         ledger.title,
         quantity(ledger.total, ledger.unit),
         quantity(best.then["if_vanished", "new"], ledger.unit),
@@ -230,10 +247,15 @@ def _remedies_caption(ledger: Ledger) -> Markup:
         half.source,
         quantity(half.then["if_halved", "new"], ledger.unit),
     )
+    orbits = [e for e in ledger.entries if e.source in PRIOR_ORBITS and finite(e.unknown)]
+    if orbits:
+        text += Markup(" With no {} at all it would be {}.").format(
+            orbits[0].source, quantity(orbits[0].unknown, ledger.unit)
+        )
     worse = [e.source for e in ledger.entries if finite(v := e.then["if_vanished", "new"]) and v > 1.01 * ledger.total]
     if worse:
         text += Markup(
-            " Without {} the re-optimised sigma would be larger: the estimator leaves sources out of its weights and "
-            "would trust the cleaned measurements too much."
+            " Without the error of {} the re-optimised sigma would be larger: the estimator leaves sources out of its "
+            "weights and would trust the cleaned measurements too much."
         ).format(join(worse))
     return text

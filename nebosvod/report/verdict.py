@@ -170,10 +170,17 @@ def _blame(run: RunFolder, main: Item) -> list[Markup]:
             unit = unit_of(first)
             axes = SQUARES.get(len(first[f"semi_axes_{unit}"]))
             meaning = f" (the root of the sum of {axes} semi-axes squared)" if axes else ""
+            ideal = "{} known exactly" if best.get("if_unknown") else "the error of {} to vanish"
             sentences.append(
                 Markup(
-                    "Were {} to vanish and the estimator told so, its total sigma would be {} instead of {}{}."
-                ).format(best["source"], quantity(_remaining(best), unit), quantity(total_sigma(first), unit), meaning)
+                    "Were " + ideal + " and the estimator told so, its total sigma would be {} instead of {}{}{}."
+                ).format(
+                    best["source"],
+                    quantity(_remaining(best), unit),
+                    quantity(total_sigma(first), unit),
+                    meaning,
+                    _unknown(best, unit),
+                )
             )
     rows = run.budget(main["name"])
     if rows:
@@ -183,6 +190,16 @@ def _blame(run: RunFolder, main: Item) -> list[Markup]:
         rest = Markup("; {} less than 0.1{}% each").format(join(small), wording.NBSP) if len(small) > 1 else ""
         sentences.append(Markup("Position variance at the reference epoch: {}{}.").format(sums, rest))
     return sentences
+
+
+def _unknown(row: Item, unit: str) -> Markup:
+    """The opposite of a prior that is known exactly: nothing known beforehand; empty where the source is no prior."""
+    then = row.get("if_unknown")
+    if not then:
+        return Markup("")
+    total = next((v for k, v in then.items() if k.startswith("sigma_total_")), None)
+    known = "would not be determined" if total is None else Markup("would be {}").format(quantity(total, unit))
+    return Markup("; were nothing known of it beforehand, it {}").format(known)
 
 
 def _remaining(row: Item) -> float | None:

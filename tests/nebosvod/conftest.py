@@ -14,6 +14,29 @@ from nebosvod.result import Result
 from nebosvod.scene import Scene, build_scene
 
 Setting = tuple[Scene, PriorTable, View]
+# Apophis before 2029 by two geostationary telescopes, the problem of the source
+NEB = """schema_version: 1
+name: neb
+reference_epoch: 2028-11-15T00:00:00 TDB
+object:
+  name: (99942) Apophis
+  orbit: {kind: cometary, frame: ecliptic_j2000, epoch: 2459215.5 JD TDB, e: 0.1915216893501022, q: 0.7458270478466523 au,
+          tp: 2459101.039422462638 JD TDB, node: 204.0389272089208 deg, peri: 126.6520518368553 deg, i: 3.336751320066756 deg}
+  radius: {value: 170 m, sigma: 20 m, treatment: estimated}
+  mass: {value: 6.1e10 kg, sigma: 1.5e10 kg, treatment: estimated}
+  albedo: {value: 0.159, sigma: 0.05, treatment: estimated}
+telescopes:
+  - name: NEB-1
+    orbit: {kind: geostationary, longitude: 0 deg}
+    noise: {sigma: 0.1 arcsec}
+    bias: {sigma: 0.05 arcsec, treatment: estimated}
+    position: {sigma: 3 km, correlation: white, treatment: estimated}
+  - {name: NEB-2, like: NEB-1, orbit: {longitude: 180 deg}}
+schedule: [{telescopes: all, start: 2028-11-15T00:00:00 TDB, end: 2029-04-08T00:00:00 TDB, cadence: 6 d}]
+predictions:
+  - {name: where, plane: position, at: 2029-04-06T00:00:00 TDB}
+  - {name: enc, plane: b_plane, body: earth, near: 2029-04-13T21:46:00 TDB}
+"""  # noqa: E501
 
 
 def setting_of(mission: Mission) -> Setting:
@@ -59,3 +82,9 @@ def minimal_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def minimal_text(minimal: Mission) -> str:
     """The text of the smallest mission, to be changed by a test."""
     return minimal.text
+
+
+@pytest.fixture(scope="session")
+def neb_text() -> str:
+    """The text of the problem of Guo and Ivashkin 2018, without a prior."""
+    return NEB

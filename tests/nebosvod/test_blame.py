@@ -1,12 +1,15 @@
 """Who is to blame, and how well a telescope must be known: each answer against a mission that says it outright."""
 
+import json
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from nebosvod.assembly import View, computed_psi
 from nebosvod.blame import Worlds, prediction_rows, state_rows
+from nebosvod.cli import main
 from nebosvod.fitting import Fit, fit
 from nebosvod.mission import Mission, load_mission_text
 from nebosvod.predictions import Quantity, known_partials, quantity
@@ -61,6 +64,63 @@ def test_a_remedy_with_a_new_gain_is_the_mission_that_says_it(
     wanted = total_sigma(make_setting, changed(minimal_text, BEHIND, f"{BEHIND}, {own}"))
     assert row[remedy]["sigma_total_km_new_gain"] == pytest.approx(wanted, rel=1e-5)
     assert row["telescopes"] == ["behind"]
+
+
+PRIOR = "prior: {sigma: {position: SIZE km, velocity: RATE m/s}}\n"
+
+
+def test_a_prior_known_exactly_and_one_that_is_missing_are_the_missions_that_say_so(
+    make_setting: MakeSetting, minimal_text: str
+) -> None:
+    """Orbit: P0 -> 0 and no prior. Of noise nothing is known beforehand that could be missing."""
+    said = PRIOR.replace("SIZE", "30").replace("RATE", "0.01")
+    scene, one, asked = solved(make_setting(load_mission_text(minimal_text + said)))
+    rows = {row["source"]: row for row in prediction_rows(scene, Worlds.of(one), asked[0])}
+    exact = total_sigma(make_setting, minimal_text + PRIOR.replace("SIZE", "1e-6").replace("RATE", "1e-9"))
+    found = rows["prior orbit"]
+    assert found["if_vanished"]["sigma_total_km_new_gain"] == pytest.approx(exact, rel=1e-3)
+    assert found["if_unknown"]["sigma_total_km_new_gain"] == pytest.approx(
+        total_sigma(make_setting, minimal_text), rel=1e-4
+    )
+    free = changed(minimal_text, BEHIND, f"{BEHIND}, bias: null, timing: null")
+    free = changed(
+        free, "predictions:", "shared: [{name: b, telescopes: [behind], bias: {treatment: estimated}}]\npredictions:"
+    )
+    assert rows["bias behind"]["if_unknown"]["sigma_total_km_new_gain"] == pytest.approx(
+        total_sigma(make_setting, free + said), rel=1e-4
+    )
+    assert rows["measurement noise ahead"]["if_unknown"] is None
+    assert rows["telescope position ahead"]["if_unknown"] is None
+    state = {row["source"]: row for row in state_rows(scene, one, Worlds.of(one))}
+    km = state["prior orbit"]["if_unknown"]["sigma_position_km_new_gain"]
+    _, without, _ = solved(make_setting(load_mission_text(minimal_text)))
+    assert km == pytest.approx(np.sqrt(np.trace(without.estimate.covariance(("x_km", "y_km", "z_km")))), rel=1e-4)
+
+
+def test_a_prior_that_only_considered_parameters_have_is_never_missing(
+    make_setting: MakeSetting, minimal_text: str
+) -> None:
+    text = minimal_text.replace("sigma: 2 m, treatment: estimated", "sigma: 2 m, treatment: considered")
+    scene, one, asked = solved(make_setting(load_mission_text(text)))
+    rows = {row["source"]: row for row in prediction_rows(scene, Worlds.of(one), asked[0])}
+    assert rows["radius"]["if_unknown"] is None
+    assert rows["mass"]["if_unknown"] is not None
+
+
+def test_the_run_of_the_source_says_both_of_its_prior_orbit(neb_text: str, tmp_path: Path) -> None:
+    """Encounter total: 3.39 km without a prior, 0.267 km with the orbit known exactly (two missions of their own)."""
+    path = tmp_path / "neb.yaml"
+    path.write_text(neb_text + "prior: {sigma: {position: 1000 km, velocity: 0.2 m/s}}\n", "utf-8")
+    assert main(["run", str(path), "-o", str(tmp_path / "run")]) == 0
+    summary = json.loads((tmp_path / "run" / "summary.json").read_text("utf-8"))
+    encounter = next(row for row in summary["predictions"] if row["name"] == "enc")
+    prior = next(row for row in encounter["budget"] if row["source"] == "prior orbit")
+    assert prior["if_unknown"]["sigma_total_km_new_gain"] == pytest.approx(3.39, abs=0.01)
+    assert prior["if_vanished"]["sigma_total_km_new_gain"] == pytest.approx(0.267, abs=0.002)
+    page = (tmp_path / "run" / "report.html").read_text("utf-8")
+    assert "Were prior orbit known exactly" in page
+    assert "were nothing known of it beforehand" in page
+    assert "prior orbit to vanish" not in page
 
 
 def test_with_the_gain_as_it_is_a_remedy_takes_its_share_of_the_variance(minimal_setting: Setting) -> None:

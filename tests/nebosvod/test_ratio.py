@@ -12,37 +12,21 @@ from nebosvod.pipeline import run
 from nebosvod.result import Result
 
 ARCSEC = np.pi / 648000.0
-# Apophis before 2029 by two geostationary telescopes, the problem of the source
-NEB = """schema_version: 1
-name: neb
-reference_epoch: 2028-11-15T00:00:00 TDB
-object:
-  name: (99942) Apophis
-  orbit: {kind: cometary, frame: ecliptic_j2000, epoch: 2459215.5 JD TDB, e: 0.1915216893501022, q: 0.7458270478466523 au,
-          tp: 2459101.039422462638 JD TDB, node: 204.0389272089208 deg, peri: 126.6520518368553 deg, i: 3.336751320066756 deg}
-  radius: {value: RADIUS, treatment: estimated}
-  mass: {value: MASS, treatment: estimated}
-  albedo: {value: 0.159, sigma: 0.05, treatment: estimated}
-telescopes:
-  - name: NEB-1
-    orbit: {kind: geostationary, longitude: 0 deg}
-    noise: {sigma: 0.1 arcsec}
-    bias: {sigma: BIAS arcsec, treatment: estimated}
-    position: {sigma: PLACE km, correlation: white, treatment: estimated}
-  - {name: NEB-2, like: NEB-1, orbit: {longitude: 180 deg}}
-schedule: [{telescopes: all, start: 2028-11-15T00:00:00 TDB, end: 2029-04-08T00:00:00 TDB, cadence: 6 d}]
-predictions: [{name: where, plane: position, at: 2029-04-06T00:00:00 TDB}]
-"""  # noqa: E501
 SIGMAS = "prior: {sigma: {position: 1000 km, velocity: 0.2 m/s}}\n"
-LARGE = {"RADIUS": "170 m, sigma: 20 m", "MASS": "6.1e10 kg, sigma: 1.5e10 kg", "BIAS": "0.05", "PLACE": "3"}
-SMALL = {"RADIUS": "1 m, sigma: 0.1 m", "MASS": "1.2e4 kg, sigma: 3e3 kg", "BIAS": "0.0001", "PLACE": "0.01"}
+SMALL = {
+    "170 m, sigma: 20 m": "1 m, sigma: 0.1 m",
+    "6.1e10 kg, sigma: 1.5e10 kg": "1.2e4 kg, sigma: 3e3 kg",
+    "0.05 arcsec": "0.0001 arcsec",
+    "3 km, correlation": "0.01 km, correlation",
+}
 
 
-def neb(sizes: dict[str, str], rest: str) -> Result:
-    text = NEB
-    for key, value in sizes.items():
-        text = text.replace(key, value)
-    return run(load_mission_text(text + rest))
+def small(text: str) -> str:
+    """A body light enough to feel the radiation, and telescopes without errors of their own."""
+    for old, new in SMALL.items():
+        assert old in text
+        text = text.replace(old, new)
+    return text
 
 
 def covariance(epoch: str) -> str:
@@ -51,8 +35,8 @@ def covariance(epoch: str) -> str:
 
 
 @pytest.fixture(scope="module")
-def large() -> Result:
-    return neb(LARGE, SIGMAS)
+def large(neb_text: str) -> Result:
+    return run(load_mission_text(neb_text + SIGMAS))
 
 
 def block(result: Result) -> Any:
@@ -89,10 +73,10 @@ def test_every_number_is_that_of_sums_over_single_measurements(large: Result) ->
     assert row["eta_db_mean"] == pytest.approx(10.0 * np.log10(noise / nuisance[first].mean()), abs=1e-9)
 
 
-def test_a_prior_at_another_epoch_or_as_a_matrix_changes_no_ratio() -> None:
+def test_a_prior_at_another_epoch_or_as_a_matrix_changes_no_ratio(neb_text: str) -> None:
     """Given at t0 as sigmas, as a covariance, or 45 d earlier: the dynamic parameters are as uncertain in all three."""
     texts = (SIGMAS, covariance("2028-11-15T00:00:00 TDB"), covariance("2028-10-01T00:00:00 TDB"))
-    sigmas, now, earlier = (block(neb(SMALL, text)) for text in texts)
+    sigmas, now, earlier = (block(run(load_mission_text(small(neb_text) + text))) for text in texts)
     assert sigmas["eta_db"][-1] == pytest.approx(-25.8, abs=0.1)
     for other in (now, earlier):
         np.testing.assert_allclose(other["eta_db"], sigmas["eta_db"], atol=1e-6)
@@ -100,8 +84,9 @@ def test_a_prior_at_another_epoch_or_as_a_matrix_changes_no_ratio() -> None:
             assert other[key] == pytest.approx(sigmas[key], abs=1e-6)
 
 
-def test_the_mission_says_what_counts_and_how_large_the_ratio_should_be(large: Result) -> None:
-    chosen = block(neb(LARGE, SIGMAS + "noise_to_nuisance: {eta_min: 10 dB, nuisances: [bias]}\n"))
+def test_the_mission_says_what_counts_and_how_large_the_ratio_should_be(large: Result, neb_text: str) -> None:
+    text = neb_text + SIGMAS + "noise_to_nuisance: {eta_min: 10 dB, nuisances: [bias]}\n"
+    chosen = block(run(load_mission_text(text)))
     assert chosen["eta_db_mean"] == pytest.approx(20.0 * np.log10(2.0), abs=1e-9)
     assert chosen["eta_all_db_mean"] == pytest.approx(block(large)["eta_all_db_mean"], abs=1e-9)
     limits, critical = chosen["sigma_z_limit_km"], np.median(chosen["sigma_z_critical_km"])
@@ -119,13 +104,10 @@ def test_the_mission_says_what_counts_and_how_large_the_ratio_should_be(large: R
     ],
 )
 def test_what_it_cannot_count_is_refused_where_it_stands(
-    entry: str, words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    entry: str, words: str, neb_text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "wrong.yaml"
-    text = NEB
-    for key, value in LARGE.items():
-        text = text.replace(key, value)
-    path.write_text(f"{text}noise_to_nuisance: {entry}\n", "utf-8")
+    path.write_text(f"{neb_text}noise_to_nuisance: {entry}\n", "utf-8")
     assert main(["check", str(path)]) == 2
     said = capsys.readouterr().err
     assert "noise_to_nuisance" in said

@@ -302,6 +302,6 @@ def test_what_would_remain_without_a_source_stands_in_summary_table_and_page(com
     assert table[0].split()[-2:] == ["sigma_position_km_if_vanished", "sigma_position_km_if_halved"]
     assert float(table[1].split()[-2]) == summary["budget"][0]["if_vanished"]["sigma_position_km_same_gain"]
     page = (folder / "run" / "report.html").read_text("utf-8")
-    assert "position if vanished" in page
+    assert "position if no error" in page
     shown = float(page.split('<section id="budget">')[1].split('<data value="')[4].split('"')[0])
     assert shown == pytest.approx(summary["budget"][0]["if_vanished"]["sigma_position_km_same_gain"], rel=1e-9)
