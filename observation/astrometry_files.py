@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from nebosvod.observation import mpc80
+from nebosvod.observation import mpc80, orbfit_rwo
 from nebosvod.observation.ades import to_astrometry
 from nebosvod.observation.ades_psv import csv_cells, psv_cells
 from nebosvod.observation.ades_xml import xml_cells
@@ -11,7 +11,7 @@ from nebosvod.observation.source_file import SourceFile, read_source
 
 
 def read_astrometry(path: str | Path) -> Astrometry:
-    """Read ADES PSV, ADES XML, comma-separated text with ADES names, or MPC 80-column records; gzipped or not.
+    """Read ADES PSV, ADES XML, comma-separated text with ADES names, MPC 80-column records, or OrbFit .rwo.
 
     Raises
     ------
@@ -28,15 +28,19 @@ def parse_astrometry(source: SourceFile) -> Astrometry:
     kind = format_of(source)
     if kind == "mpc80":
         return mpc80.parse(source)
+    if kind == "rwo":
+        return orbfit_rwo.parse(source)
     cells = {"psv": psv_cells, "csv": csv_cells, "xml": xml_cells}[kind]
     return to_astrometry(cells(source))
 
 
 def format_of(source: SourceFile) -> str:
-    """`xml`, `psv`, `csv` or `mpc80`, by the first lines that are neither blank nor comments."""
+    """`xml`, `psv`, `csv`, `rwo` or `mpc80`, by the first lines that are neither blank nor comments."""
     start = source.data[:4096].lstrip()
     if start.startswith(b"<"):
         return "xml"
+    if orbfit_rwo.is_rwo(source.data):
+        return "rwo"
     if start.startswith((b"# version", b"#version")):
         return "psv"
     for line in source.data[:100_000].split(b"\n"):

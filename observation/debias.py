@@ -40,6 +40,7 @@ def debias(astrometry: Astrometry, table_path: str | Path | None = None) -> tupl
 
     Parameters
     ----------
+    astrometry : where its records state a bias, that is what to take off.
     table_path : `bias.dat` of Eggl et al. (2020), of any number of pixels; None = no correction, and a notice.
 
     Raises
@@ -50,9 +51,12 @@ def debias(astrometry: Astrometry, table_path: str | Path | None = None) -> tupl
         If it is not of the published form, naming the line.
     """
     correction = np.zeros((len(astrometry), 2))
+    stated = np.isfinite(astrometry.bias_rad).all(axis=1)
+    correction[stated] = astrometry.bias_rad[stated]
     which = np.full(len(astrometry), -1)
     for number, name in enumerate(CATALOGUES):
         which[astrometry.catalogue == name] = number
+    which[stated] = -1  # their file says what to take off
     biased = np.flatnonzero(which >= 0)
     if table_path is None:
         return correction, (*_untouched(biased.size), *_unknown(astrometry, which))
@@ -114,7 +118,8 @@ def _untouched(biased: int) -> tuple[str, ...]:
 
 def _unknown(astrometry: Astrometry, which: Rows) -> tuple[str, ...]:
     """Sentences about observations that name no star catalogue, and those whose catalogue has no known biases."""
-    told, other = [], astrometry.catalogue[(which < 0) & ~np.isin(astrometry.catalogue, list(UNBIASED))]
+    stated = np.isfinite(astrometry.bias_rad).all(axis=1)
+    told, other = [], astrometry.catalogue[(which < 0) & ~stated & ~np.isin(astrometry.catalogue, list(UNBIASED))]
     nameless, names = int(np.sum(other == "")), sorted(set(other.tolist()) - {""})
     if nameless:
         naming = "names" if nameless == 1 else "name"

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from mpc_designation import MPCDesignationError, unpack
 
 NUMBER = re.compile(r"0*([1-9]\d{0,8})", re.ASCII)
-NUMBERED_COMET = re.compile(r"0*([1-9]\d{0,3}[PDI](?:-[A-Z]{1,2})?)", re.ASCII)
+# "6743P-L" is of the Palomar-Leiden survey, without its blank
+NUMBERED_COMET = re.compile(r"(?!\d{4}P-L)0*([1-9]\d{0,3}[PDI](?:-[A-Z]{1,2})?)", re.ASCII)
 COMET_HEAD = re.compile(r"0*([1-9]\d{0,3})([PDI])", re.ASCII)
 # number and what follows its stroke: "1I/2017 U1", "73P/Schwassmann-Wachmann 3-B"
 LONG_COMET = re.compile(r"0*([1-9]\d{0,3})([PDI])/(.{2,60}?)(?:-([A-Z]{1,2}))?", re.ASCII)

@@ -14,7 +14,9 @@ from nebosvod.observation.designations import (
     unpacked,
 )
 
-RUN_TOGETHER = re.compile(r"(\d{4}|[aA][89]\d{2})[ _-]?([A-Za-z]{2}\d*|[A-Za-z]{3}\d{1,3})", re.ASCII)
+RUN_TOGETHER = re.compile(
+    r"(\d{4}|[aA][89]\d{2})[ _-]?([A-Za-z]{2}\d*|[A-Za-z]{3}\d{1,3}|[Pp]-[Ll]|[Tt]-[123])", re.ASCII
+)
 WITH_NAME = re.compile(r"\((\d+)\)\s+\S.*", re.ASCII)
 
 

@@ -50,6 +50,8 @@ class Astrometry:
     precision_rad : (n, 2) what one step of the last digit written is worth in RA cos Dec and Dec; nan where unknown.
     written_rad, written_s : (n, 2) and (n,) what the last digit in the file is worth, which may be finer than
         that of the measurement; nan where unknown.
+    bias_rad : (n, 2) stated bias of the star catalogue in RA cos Dec and Dec, still in `psi`; nan where none is stated.
+    weighed : (n,) whether `sigma_rad` is a final weight, not to be changed by any rule.
     magnitude, band : (n,) stated magnitude, nan where none, and its band.
     discovery : (n,) whether the record carries the discovery mark.
     left_out : how many records of the files were not read, by reason ("radar", "deleted", ...).
@@ -80,14 +82,18 @@ class Astrometry:
     precision_rad: Array = field(default_factory=lambda: np.empty((0, 2)))
     written_rad: Array = field(default_factory=lambda: np.empty((0, 2)))
     written_s: Array = field(default_factory=lambda: np.empty(0))
+    bias_rad: Array = field(default_factory=lambda: np.empty((0, 2)))
+    weighed: Flags = field(default_factory=lambda: np.empty(0, dtype=np.bool_))
     left_out: Mapping[str, int] = field(default_factory=lambda: MappingProxyType({}))
     notices: tuple[str, ...] = ()
     other_names: Mapping[str, tuple[str, ...]] = field(default_factory=lambda: MappingProxyType({}))
 
     def __post_init__(self) -> None:
-        for name, shape in (("precision_rad", (2,)), ("written_rad", (2,)), ("written_s", ())):
+        for name, shape in (("precision_rad", (2,)), ("written_rad", (2,)), ("written_s", ()), ("bias_rad", (2,))):
             if len(getattr(self, name)) != len(self.t_s):
                 object.__setattr__(self, name, np.full((len(self.t_s), *shape), np.nan))
+        if len(self.weighed) != len(self.t_s):
+            object.__setattr__(self, "weighed", np.zeros(len(self.t_s), dtype=np.bool_))
 
     def __len__(self) -> int:
         """Number of observations."""

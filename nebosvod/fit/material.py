@@ -17,7 +17,7 @@ from nebosvod.fit.sky import Look, Sky
 from nebosvod.instruments import SPACECRAFT
 from nebosvod.mission import FitMission
 from nebosvod.mission.fit import FitPlan
-from nebosvod.observation import Spacecraft, debias, weights
+from nebosvod.observation import Spacecraft, debias, stated_weights, weights
 from nebosvod.observation.astrometry_files import read_astrometry
 from nebosvod.observation.direction import offset
 from nebosvod.observation.observers import Observers, telescopes
@@ -157,6 +157,7 @@ def prepare(records: Astrometry, mission: FitMission, ephemeris: Ephemeris) -> M
     places = telescopes(records, ephemeris, files=_spacecraft(mission))
     rules = mission.beside(plan.weights) if plan.weights is not None else None
     found = weights.weigh(records, rules)
+    found = found if rules is not None else stated_weights.kept(found, records)
     table = mission.beside(plan.debias) if plan.debias is not None else None
     correction, notices = debias.debias(records, table)
     sigma = plan.noise_scale * found.sigma_rad

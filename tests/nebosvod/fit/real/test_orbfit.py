@@ -258,3 +258,18 @@ class Ranges:
         gap, sides = np.linalg.norm(a - b), np.linalg.norm(a - sun) + np.linalg.norm(b - sun)
         bent = 2.0 * gm / SPEED_OF_LIGHT_KM_S**3 * np.log((sides + gap) / (sides - gap))
         return float(gap / SPEED_OF_LIGHT_KM_S + bent)
+
+
+def test_an_rwo_file_by_itself_gives_orbfits_orbit(
+    data: Path, fitted: Callable[..., Any], state_at: Callable[..., Any], orbfit_solution: Callable[..., Any]
+) -> None:
+    """`nebosvod fit 410777.rwo`: the same six records are rejected, and the orbit is OrbFit's to half a sigma."""
+    theirs = orbfit_solution(data / BULK / "410777.oel")
+    found = fitted(data / BULK / "410777.rwo")
+    assert int(found.general.selected.sum()) == 297
+    assert found.material.timing_sigma_s.max() == 0.0
+    orbit = state_at(found, theirs.epoch)
+    gap = orbit.state - theirs.state
+    assert np.sum(np.linalg.solve(orbit.S, gap) ** 2) < 0.5
+    ratio = np.linalg.norm(orbit.S, axis=1) / np.sqrt(np.diag(theirs.covariance))
+    assert np.all((ratio > 0.99) & (ratio < 1.6)), ratio  # the Doppler measurement takes a tenth off theirs
