@@ -37,7 +37,7 @@ _SENTENCES = {
     Status.CONVERGED: "The estimate is at the minimum of the cost.",
     Status.ITERATION_LIMIT: "The iteration limit was reached before the steps became small against sigma.",
     Status.NOT_OBSERVABLE: "The measurements and priors do not determine all estimated parameters.",
-    Status.DIVERGED: "No step, however short, made the cost smaller.",
+    Status.DIVERGED: "No step, however short, made the cost smaller, or whole steps ran away from its minimum.",
 }
 
 

@@ -814,7 +814,7 @@ def test_units_change_nothing(name: str, units: Units) -> None:
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", CASES)
-@settings(max_examples=60, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+@settings(max_examples=25, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 @given(exponents=EXPONENTS)
 def test_any_units_change_nothing(name: str, exponents: list[int]) -> None:
     agree(name, drawn(exponents))
