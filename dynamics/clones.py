@@ -16,8 +16,8 @@ import numpy as np
 import numpy.typing as npt
 
 from nebosvod.dynamics import integrator
+from nebosvod.dynamics.collision import IMPACT_TIDE
 from nebosvod.dynamics.dense import StepTable, step_of, step_weights
-from nebosvod.dynamics.encounter import IMPACT_TIDE
 from nebosvod.dynamics.model import ForceModel
 from nebosvod.dynamics.propagator import TOLERANCE, propagate
 from nebosvod.dynamics.workspace import Samples

@@ -19,6 +19,9 @@ AU_D2_KM_S2 = AU_KM / DAY_S**2
 # radiation pressure: (S0/c) (1 au)^2 in km^3/s^2 per m^2/kg of area-to-mass ratio
 RADIATION_KM3_S2_PER_M2_KG = SOLAR_IRRADIANCE_W_M2 / (SPEED_OF_LIGHT_KM_S * 1e3) * 1e-3 * AU_KM**2
 
+# The ellipsoid of WGS 84: heights, geodetic latitudes, and where a fall ends
+EARTH_RADIUS_KM, EARTH_FLATTENING = 6378.137, 1.0 / 298.257223563
+
 # Mean radii, km, of the asteroids that perturb: surfaces for impact tests (JPL Small-Body Database, half the diameters,
 # rounded)
 ASTEROID_RADIUS_KM = MappingProxyType(

@@ -1,4 +1,4 @@
-"""Close approaches, target planes, smallest distance, and impacts.
+"""Close approaches, target planes and the smallest distance.
 
 Target planes pass through the centre of the body. `b_plane`: normal = incoming asymptote S of the osculating hyperbola
 at closest approach, coordinates of the impact vector B = S x h/|v_inf|. `mtp`: normal = relative velocity at closest
@@ -10,27 +10,23 @@ effect: the orbit crosses at right angles).
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from nebosvod.dynamics.constants import ASTEROID_RADIUS_KM, DAY_S, RADIUS_KM
+from nebosvod.dynamics.constants import DAY_S
 from nebosvod.dynamics.ephemeris import Ephemeris
+from nebosvod.dynamics.surface import SURFACE_KM, height_km
 from nebosvod.dynamics.trajectory import Trajectory
 from nebosvod.dynamics.twobody import Analytic
-from nebosvod.errors import EventError, GeometryError, InputError
+from nebosvod.errors import GeometryError, InputError
 from nebosvod.quantities import bordered
 from nebosvod.timescale import Epoch
 
 Array = npt.NDArray[np.float64]
 Plane = Literal["b_plane", "mtp"]
 SAMPLING_S = 0.5 * DAY_S  # at least this dense: a fifth of a day's motion is far below the period of the Moon
-IMPACT_TIDE = 1e-7  # s^-2: GM/r^3 at the surface of every body is larger (Saturn 1.7e-7)
-IMPACT_SAMPLES = 33  # to a step
-IMPACT_GRAIN_S = 1e-3  # to which the time of an impact is found
-SURFACE_KM = MappingProxyType({**RADIUS_KM, **ASTEROID_RADIUS_KM})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -54,8 +50,9 @@ class Encounter:
 
     @property
     def impact(self) -> bool:
-        """Whether the closest point lies below the body's (equatorial, of an asteroid mean) radius."""
-        return self.distance_km < SURFACE_KM[self.body]
+        """Whether the closest point lies below the surface: the Earth's ellipsoid, of another body a sphere."""
+        lowest = self.distance_km * self.state[None, :3] / np.linalg.norm(self.state[:3])
+        return bool(height_km(self.body, lowest, self.epoch, np.zeros(1))[0] < 0.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -95,7 +92,7 @@ def find_encounters(trajectory: Trajectory, body: str, within_km: float = np.inf
     body : a planet, "moon", "sun", or an asteroid.
     within_km : ignore minima farther than this.
     """
-    relative = _relative(trajectory, body)
+    relative = relative_state(trajectory, body)
     first, last = trajectory.span_s
     regular = np.linspace(first, last, max(2, int(np.ceil((last - first) / SAMPLING_S)) + 1))
     times = np.union1d(regular, _refined(trajectory.step_edges_s))
@@ -185,77 +182,8 @@ def perigee_distance(trajectory: Trajectory, encounter: Encounter) -> tuple[floa
     return encounter.distance_km, gradient @ at.Phi[0, :3], gradient @ at.zeta[0, :3]
 
 
-def require_no_impact(trajectory: Trajectory, tide: Array) -> None:
-    """Raise EventError if the trajectory passes below the surface of a body that attracts it.
-
-    The impact reported is the one nearest the epoch, at the moment the orbit comes to the surface.
-
-    Parameters
-    ----------
-    trajectory : any.
-    tide : shape (steps,), the largest GM/r^3 of each step, s^-2: only steps with that of a surface are searched.
-    """
-    steep = np.flatnonzero(tide > IMPACT_TIDE)
-    if not steep.size:
-        return
-    edges = trajectory.step_edges_s
-    ends = np.stack([edges[steep], edges[steep + 1]])
-    within_reach = {body: _within_reach(trajectory, body, ends) for body in trajectory.forces.bodies}
-    for k in np.argsort(np.abs(ends.sum(axis=0))):
-        times = np.linspace(ends[0, k], ends[1, k], IMPACT_SAMPLES)
-        for body in (name for name, reached in within_reach.items() if reached[k]):
-            relative = _relative(trajectory, body)
-            t = _arrival(relative, times, SURFACE_KM[body])
-            if t is not None:
-                distance = float(np.linalg.norm(relative(np.array([t]))[0, :3]))
-                raise EventError(
-                    f"the asteroid hits {body} at about {(trajectory.epoch + t).iso(digits=0)}: {distance:.0f} km from "
-                    f"its centre, radius {SURFACE_KM[body]:.0f} km; {_advice(t)}"
-                )
-
-
-def _within_reach(trajectory: Trajectory, body: str, ends: Array) -> npt.NDArray[np.bool_]:
-    """Which steps with these ends (2, k) can come to the surface: it is nearer to an end than speed times length.
-
-    One of the ends is half the length away, so there is room for twice the speed between them.
-    """
-    states = _relative(trajectory, body)(ends.ravel()).reshape(2, -1, 6)
-    distance, speed = (np.linalg.norm(part, axis=2) for part in (states[:, :, :3], states[:, :, 3:]))
-    reach = speed.max(axis=0) * (ends[1] - ends[0])
-    reached: npt.NDArray[np.bool_] = distance.min(axis=0) < SURFACE_KM[body] + reach
-    return reached
-
-
-def _arrival(relative: Callable[[Array], Array], times: Array, radius: float) -> float | None:
-    """When an orbit first comes below a radius on the way from the epoch through ascending `times`, or None.
-
-    The lowest points between the samples are among those looked at: a graze is deep for less than a sample's distance.
-    """
-    lowest = [t for t, _ in closest_approaches(relative, times)]
-    points = np.array(sorted([*times, *lowest], key=abs))
-    below = np.linalg.norm(relative(points)[:, :3], axis=1) < radius
-    if not below.any():
-        return None
-    first = int(np.argmax(below))
-    inside, outside = float(points[first]), float(points[max(first - 1, 0)])
-    while abs(inside - outside) > IMPACT_GRAIN_S:
-        middle = 0.5 * (inside + outside)
-        if np.linalg.norm(relative(np.array([middle]))[0, :3]) < radius:
-            inside = middle
-        else:
-            outside = middle
-    return inside
-
-
-def _advice(t_s: float) -> str:
-    """What to do about an impact at a time after (or before) the epoch."""
-    if t_s == 0.0:
-        return "the arc starts below the surface, check the state and its epoch"
-    return "end the arc before this time" if t_s > 0.0 else "begin the arc after this time"
-
-
-def _relative(trajectory: Trajectory, body: str) -> Callable[[Array], Array]:
-    """State relative to a body at any times of the span."""
+def relative_state(trajectory: Trajectory, body: str) -> Callable[[Array], Array]:
+    """States (n, 6) relative to a body, ICRF, at any times (n,) of the span of a trajectory."""
     ephemeris, epoch = trajectory.forces.ephemeris, trajectory.epoch
 
     def state(t: Array) -> Array:
@@ -337,7 +265,7 @@ def _without_time(trajectory: Trajectory, encounter: Encounter, gradient: Array,
     X' is the rate of the relative state under all forces, by a central difference of the dense output over 2 s (error
     1e-8 of the change it corrects).
     """
-    around = _relative(trajectory, encounter.body)(np.array([encounter.t_s - 1.0, encounter.t_s + 1.0]))
+    around = relative_state(trajectory, encounter.body)(np.array([encounter.t_s - 1.0, encounter.t_s + 1.0]))
     rate = (around[1] - around[0]) / 2.0
     result: Array = gradient - np.outer(gradient @ rate, condition) / float(condition @ rate)
     return result

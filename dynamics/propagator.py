@@ -7,8 +7,8 @@ import numpy as np
 import numpy.typing as npt
 
 from nebosvod.dynamics import integrator
+from nebosvod.dynamics.collision import require_no_impact
 from nebosvod.dynamics.dense import join
-from nebosvod.dynamics.encounter import require_no_impact
 from nebosvod.dynamics.model import ForceModel, Physics
 from nebosvod.dynamics.trajectory import Trajectory, make_trajectory
 from nebosvod.dynamics.workspace import NO_NODES, NO_SAMPLES, NO_STEPS, Steps
@@ -34,6 +34,7 @@ def propagate(
     tolerance: float = TOLERANCE,
     margin_s: float = LIGHT_TIME_MARGIN_S,
     grid: Trajectory | None = None,
+    solid: bool = True,
 ) -> Trajectory:
     """Integrate an orbit with its transition matrix and parameter sensitivities.
 
@@ -52,13 +53,16 @@ def propagate(
         and its accelerations as a first guess are used again where epoch, span and bodies are the same and every step
         passes the error check; otherwise the orbit gets steps of its own. It changes the time taken, and the result by
         rounding.
+    solid : whether bodies have surfaces. False: they are points, and an orbit goes on below a surface.
 
     Raises
     ------
     InputError, CoverageError
         If shapes are wrong or numbers not finite; if a time is outside the ephemeris.
+    ImpactError
+        If the orbit runs into a body, with body, time and distance.
     EventError
-        If the orbit runs into a body, with time and distance; if it takes too many steps.
+        If it takes too many steps, or comes to a singularity.
     """
     start, times, low, high = _checked(state_km_km_s, t_s)
     if not TIGHTEST <= tolerance <= LOOSEST:
@@ -87,17 +91,19 @@ def propagate(
             if itself is not None:
                 without = dataclasses.replace(forces, excluded=(*forces.excluded, itself))
                 return propagate(
-                    start, epoch, times, without, sensitivities, tolerance=tolerance, margin_s=margin_s, grid=grid
-                )
+                    start, epoch, times, without, sensitivities, tolerance=tolerance, margin_s=margin_s, grid=grid,
+                    solid=solid,
+                )  # fmt: skip
             if status != integrator.OK:
-                if len(steps.start):
+                if len(steps.start) and solid:
                     stub = join(legs[0], legs[1], window, 6 + len(columns) if sensitivities else 0)
                     require_no_impact(make_trajectory(epoch, np.zeros(1), forces, stub, chain, False), stub.steps.tide)
                 raise _unfinished(status, forces, epoch, steps, end_s, barycentric[0, :3], tolerance)
     nodes = grid._table.nodes if grid is not None and guides is not NO_GUIDES else None
     table = join(legs[0], legs[1], window, 6 + len(columns) if sensitivities else 0, nodes)
     trajectory = make_trajectory(epoch, times, forces, table, chain, sensitivities)
-    require_no_impact(trajectory, table.steps.tide)
+    if solid:
+        require_no_impact(trajectory, table.steps.tide)
     return trajectory
 
 

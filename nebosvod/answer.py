@@ -10,7 +10,9 @@ from rich.console import Console
 from rich.table import Table
 
 from nebosvod.errors import counted
+from nebosvod.outlook import answered, event_words, impact_sentences, unanswered_sentences
 from nebosvod.report.facts import earlier_orbit
+from nebosvod.timescale import Epoch
 
 BUDGET_ROWS = 6
 BLAMED = 3  # kinds of source named behind each prediction
@@ -27,6 +29,8 @@ def print_answer(summary: Mapping[str, Any], folder: Path, console: Console | No
     out.print(f"[bold]{_plain(summary['title'])}[/bold]")
     for line in _seen(summary):
         out.print(_plain(line))
+    for line in impact_sentences(summary):
+        out.print(_plain(line), style="bold")
     out.print(_estimators(summary))
     out.print(_plain(MEANING))
     for line in _predictions(summary):
@@ -71,12 +75,17 @@ def _seen(summary: Mapping[str, Any]) -> Iterator[str]:
     """How many measurements, and for each telescope that lost some, to which limit."""
     used = earlier_orbit(summary, summary["estimators"][0]["name"]) if summary["estimators"] else None
     seen = counted(summary["n_observations"], "measurement") + BASIS[used]
-    yield f"{seen}; reference epoch {summary['reference_epoch_tdb']}"
+    yield f"{seen}; reference epoch {_reference_epoch(summary)}"
     for row in summary["visibility"]:
         lost = row["candidates"] - row["visible"]
         if lost:
             reasons = ", ".join(f"{reason} {count}" for reason, count in row["removed"].items())
             yield f"{row['telescope']}: {lost} of {row['candidates']} scheduled epochs not seen ({reasons})"
+
+
+def _reference_epoch(summary: Mapping[str, Any]) -> str:
+    """As the mission states it."""
+    return Epoch.parse(summary["reference_epoch_tdb"]).iso(summary.get("time_scale", "tdb"))
 
 
 def _estimators(summary: Mapping[str, Any]) -> Table:
@@ -97,7 +106,7 @@ def _predictions(summary: Mapping[str, Any]) -> Iterator[str]:
         return
     first = summary["predictions"][0]["estimator"]
     yield f"\nPredictions of {first}, 1 sigma, and the shares of their variance"
-    for row in summary["predictions"]:
+    for row in answered(summary["predictions"]):
         if row["estimator"] != first:
             continue
         unit = next(key.removeprefix("semi_axes_") for key in row if key.startswith("semi_axes_"))
@@ -105,9 +114,13 @@ def _predictions(summary: Mapping[str, Any]) -> Iterator[str]:
         kinds = _by_kind(row["budget"], summary["telescopes"])[:BLAMED]
         blame = ", ".join(f"{kind} {_percent(share)}" for kind, share in kinds)
         yield f"  {row['name']} ({row['plane']}): {axes} {UNITS.get(unit, unit)}; {blame}"
+        if event_words(row):
+            yield f"    {event_words(row)}"
         mean, far = row.get(f"mean_error_{unit}") or [], row[f"max_deviation_{unit}"]
         if any(abs(one) > SEEN * sigma for one, sigma in zip(mean, row[f"sigma_{unit}"])):
             yield f"    off on average by {_each(mean, unit)}, so at most by {_each(far, unit)} (|mean| + 3 sigma)"
+    for line in unanswered_sentences(summary["predictions"]):
+        yield f"  {line}"
 
 
 def _each(values: Sequence[float], unit: str) -> str:

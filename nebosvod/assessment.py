@@ -19,7 +19,7 @@ from nebosvod.estimation import LinearProblem
 from nebosvod.fitting import Fit
 from nebosvod.montecarlo import Sample
 from nebosvod.nonlinearity import clones, impact_share, nonlinearity, spread_of
-from nebosvod.predictions import Quantity, known_partials, prediction_row
+from nebosvod.predictions import Foretold, Quantity, in_order, known_partials, prediction_row, unanswered_row
 from nebosvod.ratio import ratio
 from nebosvod.report.folder import slug
 from nebosvod.required import required
@@ -44,7 +44,7 @@ class Findings:
 def assess(
     scene: Scene,
     fits: Sequence[Fit],
-    predicted: Mapping[str, Sequence[Quantity]],
+    foretold: Mapping[str, Foretold],
     samples: Mapping[str, Sample],
     seed: int = 0,
     nominal: tuple[LinearProblem, View] | None = None,
@@ -53,7 +53,7 @@ def assess(
 
     Parameters
     ----------
-    predicted : evaluated predictions by estimator, of those that have an estimate.
+    foretold : predictions by estimator, those that exist for its orbit and those that do not.
     samples : Monte Carlo samples by estimator, empty without Monte Carlo.
     seed : of the orbits drawn about the first estimate, as many as its sample has runs (at most CLONES_MOST).
     nominal : problem and view at the nominal point, for the ratio of noise to nuisance; of the first fit if absent.
@@ -65,6 +65,7 @@ def assess(
     that weighs by least squares.
     """
     found = [fit for fit in fits if fit.estimate.solution is not None]
+    predicted = {fit.estimator.name: foretold[fit.estimator.name].found for fit in found}
     worlds: dict[Any, Worlds] = {}
     for fit in found:
         if kind_of_problem(fit) not in worlds:
@@ -74,35 +75,19 @@ def assess(
     against, ratio_arrays = ratio(scene, *(nominal or (fits[0].problem, fits[0].seen)))
     leading = next((fit for fit in found if fit.problem.n <= blame.LARGE and not fit.own_gain), None)
     against["required_position"] = []
-    if leading is not None:
-        against["required_position"] = required(scene, leading, predicted[leading.estimator.name])
-    rows = _prediction_rows(scene, found, predicted, own)
+    told = predicted[leading.estimator.name] if leading is not None else []
+    if leading is not None and told:
+        against["required_position"] = required(scene, leading, told)
+    rows = _prediction_rows(scene, fits, foretold, own)
     drawn = _drawn(scene, found[0], predicted[found[0].estimator.name], rows, seed) if found and samples else {}
     return Findings(
         budget=[row for fit in found for row in state_rows(scene, fit, own[fit.estimator.name])],
         predictions=rows,
         noise_to_nuisance=against,
-        curves=curves(leading, predicted[leading.estimator.name]) if leading is not None else [],
+        curves=curves(leading, told) if leading is not None and told else [],
         accuracy_comparison=comparison(scene, different, predicted, samples),
         arrays=ratio_arrays | drawn,
     )
-
-
-def _prediction_rows(
-    scene: Scene, fits: Sequence[Fit], predicted: Mapping[str, Sequence[Quantity]], own: Mapping[str, Worlds]
-) -> list[dict[str, Any]]:
-    """The `predictions` of every estimator; those with the same treatment of everything bend alike."""
-    rows: list[dict[str, Any]] = []
-    bent: dict[Any, list[dict[str, Any]]] = {}
-    for fit in fits:
-        name, kind = fit.estimator.name, kind_of_problem(fit)
-        if kind not in bent:
-            bent[kind] = nonlinearity(scene, fit, predicted[name])
-        rows += [
-            prediction_row(asked, fit.estimate, name, prediction_rows(scene, own[name], asked), curved, fit.mean_errors)
-            for asked, curved in zip(predicted[name], bent[kind])
-        ]
-    return rows
 
 
 def _drawn(
@@ -110,10 +95,36 @@ def _drawn(
 ) -> dict[str, Array]:
     """Orbits drawn from the error of one estimate, propagated in full: points as arrays, facts into the rows."""
     plan = scene.mission.monte_carlo
-    points = clones(scene, fit, asked, min(plan.runs if plan else 0, CLONES_MOST), seed)
-    for one, row, found in zip(asked, rows, points):
-        W, names = known_partials(one, fit.estimate)
+    points, fates = clones(scene, fit, asked, min(plan.runs if plan else 0, CLONES_MOST), seed)
+    mine = {row["name"]: row for row in rows if row["estimator"] == fit.estimator.name}
+    for one, found, fate in zip(asked, points, fates):
+        row, (W, names) = mine[one.request.name], known_partials(one, fit.estimate)
         row["monte_carlo"] = spread_of(one, found, fit.estimate.predict(W, names).factor, fit.mean_error(W, names))
         if "impact_probability_linear" in row:
-            row["impact_probability_monte_carlo"] = impact_share(one, found)
+            row["impact_probability_monte_carlo"] = impact_share(fate)
     return {f"clones_{slug(one.request.name)}_{one.unit}": found for one, found in zip(asked, points)}
+
+
+def _prediction_rows(
+    scene: Scene, fits: Sequence[Fit], foretold: Mapping[str, Foretold], own: Mapping[str, Worlds]
+) -> list[dict[str, Any]]:
+    """The predictions of every estimator, those that do not exist among them; curvature once for each accuracy."""
+    rows: list[dict[str, Any]] = []
+    bent: dict[Any, list[dict[str, Any]]] = {}
+    for fit in fits:
+        name = fit.estimator.name
+        found, missing = foretold[name]
+        solved = fit.estimate.solution is not None
+        mine = [unanswered_row(one, fit.estimate if solved else None, name, fit.mean_errors) for one in missing]
+        if found:
+            alike = (kind_of_problem(fit), tuple(asked.request.name for asked in found))
+            if alike not in bent:
+                bent[alike] = nonlinearity(scene, fit, found)
+            mine += [
+                prediction_row(
+                    asked, fit.estimate, name, prediction_rows(scene, own[name], asked), curved, fit.mean_errors
+                )
+                for asked, curved in zip(found, bent[alike])
+            ]
+        rows += in_order(mine, scene.mission.predictions)
+    return rows

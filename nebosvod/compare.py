@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from nebosvod.errors import InputError
+from nebosvod.outlook import answered, without_answer
 from nebosvod.report.facts import kind_of
 from nebosvod.result import require_run_folder
 
@@ -170,14 +171,14 @@ def _ratios(by_run: Sequence[Found], key: str) -> list[float | None]:
 
 def _prediction(runs: Sequence[Run], name: str) -> dict[str, Any]:
     """One prediction in every run that has it, by the run's first estimator."""
-    rows = [next((row for row in _own(run, "predictions") if row["name"] == name), None) for run in runs]
+    rows = [next((row for row in answered(_own(run, "predictions")) if row["name"] == name), None) for run in runs]
     there = [(run, row) for run, row in zip(runs, rows) if row is not None]
     planes = {str(row["plane"]) for _, row in there}
     targets = {str(row.get("body") or row.get("telescope") or "") for _, row in there}
     units = [_unit(row) for _, row in there]
     warning = ""
     if not there:
-        warning = f"{name}: no first estimator predicts it"
+        warning = f"{name}: {_why_none(runs, name)}"
     elif len(planes) > 1:
         warning = f"{name}: the planes differ ({', '.join(sorted(planes))}); its sigmas do not compare"
     elif len(targets) > 1:
@@ -188,7 +189,7 @@ def _prediction(runs: Sequence[Run], name: str) -> dict[str, Any]:
         epochs = "; ".join(f"{run.label}: {row['epoch_tdb']}" for run, row in there)
         warning = f"{name}: the epochs differ ({epochs}); its sigmas do not compare"
     elif len(there) < len(runs):
-        warning = f"{name}: only in {', '.join(run.label for run, _ in there)}"
+        warning = f"{name}: only in {', '.join(run.label for run, _ in there)}{_elsewhere(runs, name)}"
     by_run = [None if row is None else _numbers(row) for row in rows]
     return {
         "name": name,
@@ -201,6 +202,18 @@ def _prediction(runs: Sequence[Run], name: str) -> dict[str, Any]:
         "ratio": _ratios(by_run, "sigma_total"),
         "budget": _budget([[] if row is None else row["budget"] for row in rows], "share_total"),
     }
+
+
+def _why_none(runs: Sequence[Run], name: str) -> str:
+    """Why no run has a prediction."""
+    said = [row["reason"] for run in runs for row in without_answer(_own(run, "predictions")) if row["name"] == name]
+    return f"no answer: {said[0]}" if said else "no first estimator predicts it"
+
+
+def _elsewhere(runs: Sequence[Run], name: str) -> str:
+    """What the runs say in which a prediction does not exist for the orbit."""
+    rows = [(run, row) for run in runs for row in without_answer(_own(run, "predictions")) if row["name"] == name]
+    return "".join(f"; {run.label}: no answer: {row['reason']}" for run, row in rows)
 
 
 def _unit(row: Mapping[str, Any]) -> str:

@@ -4,8 +4,9 @@ A message says where, what was found, what is allowed and what to do next. Wrong
 numerical failure inside a run is a status of the result, not an exception.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from typing import Any
 
 
 def counted(number: int, noun: str) -> str:
@@ -81,6 +82,39 @@ class EventError(NebosvodError):
     """The physics ended the run early: an impact, or a start below a body's surface."""
 
     exit_code = 1
+
+
+class ImpactError(EventError):
+    """An orbit runs into a body.
+
+    Parameters
+    ----------
+    message : the sentence for the user.
+    body, t_s : what it hits, and when it comes to the surface, TDB s after the orbit's epoch.
+    """
+
+    def __init__(self, message: str, *, body: str = "", t_s: float = float("nan")) -> None:
+        super().__init__(message)
+        self.body = body
+        self.t_s = t_s
+
+
+class NoAnswerError(NebosvodError):
+    """A prediction does not exist for this orbit.
+
+    Parameters
+    ----------
+    reason : the sentence for the user.
+    status : one word for the summary.
+    facts : what is known all the same, units in the key names.
+    """
+
+    exit_code = 1
+
+    def __init__(self, reason: str, *, status: str = "no_answer", facts: Mapping[str, Any] | None = None) -> None:
+        super().__init__(reason)
+        self.status = status
+        self.facts = dict(facts or {})
 
 
 class DataError(NebosvodError):

@@ -8,17 +8,22 @@ cross terms, 1/2 sum C_i C_i^T. In sigmas of the linear ellipse the two make one
 own adds 1/2 m^T C m to the shift, by a pair of orbits displaced by +-m.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from nebosvod.errors import EventError, InputError
+from nebosvod.assembly import Point
+from nebosvod.dynamics import Trajectory
+from nebosvod.entry import ground_displacement
+from nebosvod.errors import EventError, ImpactError, InputError, NoAnswerError
 from nebosvod.estimation import Estimate, ellipse
 from nebosvod.estimation.consistency import binomial_interval
 from nebosvod.fitting import Fit
+from nebosvod.impact import what_it_hits
 from nebosvod.predictions import ARCSEC, M_PER_KM, SIGMAS, Quantity, known_partials, quantity
 from nebosvod.prior import STATE_NAMES
 from nebosvod.scene import Scene
@@ -28,6 +33,7 @@ CHORD = float(np.sqrt(3.0))
 MISLEADS = 0.3  # rms departure in sigmas: it adds a tenth to the variance of that direction
 DECEIVED = 1.1  # a sigma of drawn orbits over the linear one, from which the linear one misleads
 INTERVAL = 0.95
+MOST_HALVINGS = 5  # of a chord whose ends have no such prediction: down to 0.05 sigma
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -78,6 +84,10 @@ def ordered_factor(estimate: Estimate, names: Sequence[str], asked: Sequence[Qua
 
 def displaced(base: Quantity, other: Quantity) -> Array | None:
     """What another orbit changes in a quantity, on the axes of the base (d,); None where that is not defined."""
+    if base.request.plane == "entry":
+        if base.anchor is None or base.axes is None or other.anchor is None:
+            return None
+        return ground_displacement(base.anchor, base.axes, other.anchor)
     if base.unit == "arcsec":
         turn = np.radians(other.facts["ra_deg"] - base.facts["ra_deg"])
         turn = (turn + np.pi) % (2.0 * np.pi) - np.pi
@@ -98,17 +108,31 @@ def displaced(base: Quantity, other: Quantity) -> Array | None:
 
 def moved_quantities(scene: Scene, fit: Fit, asked: Sequence[Quantity], deviation: Mapping[str, float]) -> list[Any]:
     """Displacement (d,) of each quantity on the orbit moved by a deviation; None where it has no value there."""
-    point = fit.point.moved(deviation)
-    try:
-        trajectory = scene.propagate(point.state, scene.forces.with_values(point.parameters))
-    except (EventError, InputError):  # hits a body before a date asked about; a mass below zero
-        return [None for _ in asked]
-    found: list[Any] = []
+    return [moved for moved, _ in moved_events(scene, fit, asked, deviation)]
+
+
+def moved_events(
+    scene: Scene, fit: Fit, asked: Sequence[Quantity], deviation: Mapping[str, float]
+) -> list[tuple[Array | None, bool | None]]:
+    """The same, and whether that orbit hits the body of the encounter; None where there is no such orbit."""
+    flown: dict[bool, Trajectory | str | None] = {}
+    found: list[tuple[Array | None, bool | None]] = []
     for one in asked:
+        # the base of an entry that only the reference orbit has is that orbit
+        about_reference = one.facts.get("evaluated_on") == "reference orbit"
+        if about_reference not in flown:
+            point = _reference(scene) if about_reference else fit.point
+            flown[about_reference] = _fly(scene, point.moved(deviation))
+        trajectory, body = flown[about_reference], one.facts.get("body")
+        if not isinstance(trajectory, Trajectory):
+            found.append((None, None if trajectory is None else trajectory == body))
+            continue
+        hit = what_it_hits(trajectory) if body is not None else None
         try:
-            found.append(displaced(one, quantity(scene, trajectory, one.request)))
-        except InputError:  # no encounter of this kind on that orbit
-            found.append(None)
+            moved = displaced(one, quantity(scene, trajectory, one.request, one.epoch))
+        except (NoAnswerError, InputError):  # no encounter of this kind on that orbit
+            moved = None
+        found.append((moved, hit is not None and hit.body == body))
     return found
 
 
@@ -118,66 +142,124 @@ def uncertain(fit: Fit) -> tuple[str, ...]:
     return tuple(name for name in (*STATE_NAMES, *fit.observation.parameter_names) if name in known)
 
 
+def _reference(scene: Scene) -> Point:
+    """The reference orbit with every dynamic parameter at its nominal value."""
+    values = {parameter.name: parameter.value for parameter in scene.mission.free_parameters}
+    return Point(state=scene.state, parameters=values, nuisances={})
+
+
+def _fly(scene: Scene, point: Point) -> Trajectory | str | None:
+    """The orbit through a point; the body it hits before a date asked about; or None where it cannot be flown."""
+    try:
+        return scene.propagate(point.state, scene.forces.with_values(point.parameters))
+    except ImpactError as error:
+        return error.body
+    except (EventError, InputError):  # a mass below zero, or an integration that stops
+        return None
+
+
 def nonlinearity(scene: Scene, fit: Fit, asked: Sequence[Quantity]) -> list[dict[str, Any]]:
-    """The `nonlinearity` entry of each prediction of one estimator."""
+    """The `nonlinearity` entry of each prediction of one estimator.
+
+    Notes
+    -----
+    An entry may not exist on an orbit 1.7 sigma away: the chord of that direction is then halved until it does on both
+    ends, and the entry says how short the shortest is.
+    """
     estimate, names = fit.estimate, uncertain(fit)
     S, mean = ordered_factor(estimate, names, asked), estimate.mean_shift(fit.mean_errors, names)
-    columns = [*(CHORD * S.T), *([mean] if mean.any() else [])]
-    ends = [
-        [moved_quantities(scene, fit, asked, dict(zip(names, (sign * column).tolist()))) for sign in (1.0, -1.0)]
-        for column in columns
-    ]
+    columns = [*S.T, *([mean / CHORD] if mean.any() else [])]
+    flights: dict[tuple[int, float], list[Any]] = {}
+
+    def ends(direction: int, index: int, chord: float) -> list[Array | None]:
+        found = []
+        for signed in (chord, -chord):
+            if (direction, signed) not in flights:
+                deviation = dict(zip(names, (signed * columns[direction]).tolist()))
+                flights[direction, signed] = moved_quantities(scene, fit, asked, deviation)
+            found.append(flights[direction, signed][index])
+        return found
+
     rows = []
     for index, one in enumerate(asked):
-        pairs = [(up[index], down[index]) for up, down in ends]
-        row: dict[str, Any] = {"method": "orbits propagated from +-sqrt(3) sigma", "orbits": 2 * len(pairs)}
-        if any(up is None or down is None for up, down in pairs):
-            empty = (f"mean_shift_{one.unit}", f"second_order_sigma_{one.unit}", "measure", "misleads")
-            rows.append(row | dict.fromkeys(empty) | {"reason": "an orbit at 1.7 sigma has no such prediction"})
-            continue
-        even = np.array([up + down for up, down in pairs])
-        found = curvature(even[: S.shape[1]] / CHORD**2, estimate.predict(*known_partials(one, estimate)).factor)
-        shift = found.shift + 0.5 * even[S.shape[1] :].sum(axis=0)
-        rows.append(
-            row
-            | {
-                f"mean_shift_{one.unit}": shift.tolist(),
-                f"second_order_sigma_{one.unit}": found.spread.tolist(),
-                "measure": found.measure,
-                "misleads": found.measure > MISLEADS,
-                "reason": None,
-            }
-        )
+        bends, shortest = [], CHORD
+        for direction in range(len(columns)):
+            bend, chord = _second_order(partial(ends, direction, index))
+            bends.append(bend)
+            shortest = min(shortest, chord)
+        rows.append(_nonlinearity_row(one, estimate, bends, S.shape[1], shortest))
     return rows
 
 
-def clones(scene: Scene, fit: Fit, asked: Sequence[Quantity], runs: int, seed: int) -> list[Array]:
+def _second_order(ends: Callable[[float], list[Array | None]]) -> tuple[Array | None, float]:
+    """C_i of one direction and the chord it was taken over; None where even the shortest has an end without a value."""
+    chord = CHORD
+    for _ in range(MOST_HALVINGS + 1):
+        up, down = ends(chord)
+        if up is not None and down is not None:
+            bend: Array = (up + down) / chord**2
+            return bend, chord
+        chord *= 0.5
+    return None, 2.0 * chord
+
+
+def _nonlinearity_row(
+    one: Quantity, estimate: Estimate, bends: Sequence[Array | None], count: int, shortest: float
+) -> dict[str, Any]:
+    """What the second-order terms of the `count` unit draws, and of a mean of the error after them, say."""
+    unit = one.unit
+    row: dict[str, Any] = {"method": "orbits propagated from +-sqrt(3) sigma", "orbits": 2 * len(bends)}
+    if shortest < CHORD:
+        row["shortest_chord_sigma"] = shortest
+    found = [bend for bend in bends if bend is not None]
+    if len(found) < len(bends):
+        empty = (f"mean_shift_{unit}", f"second_order_sigma_{unit}", "measure", "misleads")
+        return row | dict.fromkeys(empty) | {"reason": f"an orbit at {shortest:.2g} sigma has no such prediction"}
+    bent = curvature(np.array(found[:count]), estimate.predict(*known_partials(one, estimate)).factor)
+    return row | {
+        f"mean_shift_{unit}": (bent.shift + 0.5 * CHORD**2 * np.sum(found[count:], axis=0)).tolist(),
+        f"second_order_sigma_{unit}": bent.spread.tolist(),
+        "measure": bent.measure,
+        # where the prediction ends within 1.7 sigma the ellipse holds places that no orbit comes to
+        "misleads": bent.measure > MISLEADS or shortest < CHORD,
+        "reason": None,
+    }
+
+
+def clones(scene: Scene, fit: Fit, asked: Sequence[Quantity], runs: int, seed: int) -> tuple[list[Array], list[Array]]:
     """Displacements (runs, d) of each quantity on orbits drawn from the error of the estimate; nan where undefined.
 
-    Truth is the estimate minus its error: where the error has a mean, the draws lie about the estimate minus that mean.
+    The second list says of each (runs,) whether the drawn orbit hits the body of the encounter: 1, 0, or nan where
+    there is no such orbit. Truth is the estimate minus its error: where the error has a mean, the draws lie about the
+    estimate minus that mean.
     Draw i comes from SeedSequence(seed, spawn_key=(1, i)).
     """
     names = uncertain(fit)
     S, mean = fit.estimate.factor(names), fit.estimate.mean_shift(fit.mean_errors, names)
     found = [np.full((runs, len(one.partials)), np.nan) for one in asked]
+    fates = [np.full(runs, np.nan) for _ in asked]
     for i in range(runs):
         rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(1, i)))
         drawn = dict(zip(names, (S @ rng.standard_normal(S.shape[1]) - mean).tolist()))
-        for points, moved in zip(found, moved_quantities(scene, fit, asked, drawn)):
+        for points, fate, (moved, hit) in zip(found, fates, moved_events(scene, fit, asked, drawn)):
             if moved is not None:
                 points[i] = moved
-    return found
+            fate[i] = np.nan if hit is None else float(hit)
+    return found, fates
 
 
-def impact_share(one: Quantity, points: Array) -> dict[str, Any]:
-    """Share of drawn orbits inside the capture disc, with its exact binomial interval (Clopper, Pearson 1934)."""
+def impact_share(fate: Array) -> dict[str, Any]:
+    """Share of drawn orbits that hit, with its exact binomial interval (Clopper, Pearson 1934).
+
+    Parameters
+    ----------
+    fate : (runs,) 1 for a hit, 0 for none, nan for an orbit that cannot be flown.
+    """
     from scipy.special import betaincinv
 
-    if one.value is None:
-        raise ValueError(f"{one.request.name} is not a point of a target plane")
-    valid = points[np.isfinite(points).all(axis=1)]
-    hits = int(np.count_nonzero(np.hypot(*(valid + one.value).T) <= one.facts["capture_radius_km"]))
-    n, tail = len(valid), 0.5 * (1.0 - INTERVAL)
+    valid = fate[np.isfinite(fate)]
+    n, hits = len(valid), int(np.count_nonzero(valid))
+    tail = 0.5 * (1.0 - INTERVAL)
     low = float(betaincinv(hits, n - hits + 1, tail)) if hits > 0 else 0.0
     high = float(betaincinv(hits + 1, n - hits, 1.0 - tail)) if hits < n else 1.0
     return {"runs": n, "hits": hits, "probability": hits / n if n else None, "interval_95": [low, high]}

@@ -13,11 +13,10 @@ import numpy.typing as npt
 from nebosvod import __version__
 from nebosvod.assembly import View, computed_psi, linear_problem, nominal_point, view
 from nebosvod.assessment import assess
-from nebosvod.errors import InputError
 from nebosvod.fitting import Fit, fit
 from nebosvod.mission import Mission
 from nebosvod.montecarlo import Sample, consistency, consistency_block, repeat
-from nebosvod.predictions import Quantity, quantity
+from nebosvod.predictions import foretell
 from nebosvod.prior import PriorTable, prior_table
 from nebosvod.result import Result
 from nebosvod.scene import Scene, build_scene
@@ -55,11 +54,11 @@ def run(mission: Mission, seed: int = 0, progress: Callable[[str], None] | None 
         say(f"estimating: {estimator.name}")
         fits.append(fit(scene, estimator, nominal, truth.psi, priors))
     say("predicting")
-    predicted = {one.estimator.name: _predict(scene, one) for one in fits if one.estimate.solution is not None}
+    foretold = {one.estimator.name: foretell(scene, one) for one in fits}
     samples = _samples(scene, nominal, priors, fits, seed, say)
     say("taking the accuracy apart")
     base = linear_problem(scene, mission.estimators[0], nominal, computed_psi(nominal), priors, about=nominal.point)
-    findings = assess(scene, fits, predicted, samples, seed, (base, nominal))
+    findings = assess(scene, fits, foretold, samples, seed, (base, nominal))
     trials = [{"estimator": name, **consistency(sample)} for name, sample in samples.items()]
     return Result(
         summary=summarise(scene, priors, fits, findings) | consistency_block(trials),
@@ -94,15 +93,6 @@ def manifest(scene: Scene, seed: int, started: float, fits: list[Fit]) -> dict[s
             "elapsed_s": round(time.time() - started, 3),
         },
     }
-
-
-def _predict(scene: Scene, one: Fit) -> list[Quantity]:
-    """All predictions of the mission on the orbit one estimator found."""
-    try:
-        return [quantity(scene, one.trajectory, request) for request in scene.mission.predictions]
-    except InputError as error:
-        place = scene.mission.path or scene.mission.name
-        raise InputError(f"{place}: {error}") from None
 
 
 def _samples(

@@ -5,22 +5,25 @@ source of the budget reaches it through the same factors.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from nebosvod.dynamics import Encounter, Trajectory, find_encounters, perigee_distance, target_plane
-from nebosvod.errors import InputError
+from nebosvod.dynamics import Trajectory
+from nebosvod.dynamics.surface import SURFACE_KM
+from nebosvod.errors import CoverageError, NoAnswerError
 from nebosvod.estimation import Estimate, ellipse
 from nebosvod.estimation.inside import inside_disc
-from nebosvod.impact import entry_point, gate, impact, osculating_perigee
+from nebosvod.fitting import Fit
+from nebosvod.impact import BELOW_S, what_it_hits
 from nebosvod.mission.request import EncounterPrediction, Prediction, SkyPrediction, StatePrediction
 from nebosvod.observation import observe
+from nebosvod.outlook import ANSWERED
 from nebosvod.prior import STATE_NAMES
 from nebosvod.scene import Scene
-from nebosvod.timescale import Epoch
+from nebosvod.timescale import Epoch, Scale
 
 Array = npt.NDArray[np.float64]
 ARCSEC = np.pi / (180.0 * 3600.0)
@@ -41,7 +44,12 @@ class Quantity:
     value : (d,), or None where only the error means anything (sky offsets, RTN axes).
     partials : (d, k) by `names`.
     facts : further numbers for the summary, units in the key names.
-    axes : (3, 3) ICRF, rows the axes of a target plane (xi, normal, zeta) or of position and velocity; None otherwise.
+    axes : (3, 3) ICRF, rows the axes of a target plane (xi, normal, zeta) or of position and velocity; of an entry
+        (2, 3), fixed to the ground; None otherwise.
+    anchor : (3,) the point of entry, km, on the axes fixed to the ground; None otherwise.
+    further : partials (k,) of further numbers by `names`, under the name of their sigma, unit included.
+    disc : where the orbit crosses the b-plane of its encounter, and the disc whose orbits hit the body; None if there
+        is no encounter, or no such plane.
     """
 
     request: Prediction
@@ -52,24 +60,131 @@ class Quantity:
     names: tuple[str, ...]
     facts: Mapping[str, Any]
     axes: Array | None = None
+    anchor: Array | None = None
+    further: Mapping[str, Array] = field(default_factory=dict)
+    disc: "Disc | None" = None
 
 
-def quantity(scene: Scene, trajectory: Trajectory, request: Prediction) -> Quantity:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Disc:
+    """The disc of a b-plane whose orbits hit: value (2,) and radius, km; partials (2, k) by the quantity's names."""
+
+    value: Array
+    partials: Array
+    radius_km: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Unanswered:
+    """A prediction that does not exist for this orbit.
+
+    Attributes
+    ----------
+    request, status, reason : what was asked, one word, and the sentence that says why.
+    facts : what is known all the same, units in the key names.
+    disc, names : of its encounter, as of `Quantity`.
+    """
+
+    request: Prediction
+    status: str
+    reason: str
+    facts: Mapping[str, Any]
+    disc: Disc | None = None
+    names: tuple[str, ...] = ()
+
+
+class Foretold(NamedTuple):
+    """The predictions that exist for an orbit and can be believed, and the others."""
+
+    found: list[Quantity]
+    missing: list[Unanswered]
+
+
+def predicted(scene: Scene, trajectory: Trajectory, requests: Sequence[Prediction]) -> Foretold:
+    """The predictions that exist for an orbit, and those that do not."""
+    found, missing = [], []
+    for request in requests:
+        try:
+            found.append(quantity(scene, trajectory, request))
+        except NoAnswerError as error:
+            missing.append(unanswered(request, error, trajectory))
+    return Foretold(found, missing)
+
+
+def foretell(scene: Scene, fit: Fit, trajectory: Trajectory | None = None) -> Foretold:
+    """All predictions of a mission on the orbit one estimator found.
+
+    Parameters
+    ----------
+    trajectory : that orbit over everything that is asked for; by default as it was estimated.
+    """
+    requests, orbit = scene.mission.predictions, fit.trajectory if trajectory is None else trajectory
+    if fit.estimate.solution is None:
+        reason = f"the measurements do not determine the orbit: {fit.message}"
+        return Foretold(found=[], missing=[unknown_orbit(request, reason) for request in requests])
+    found, missing = predicted(scene, orbit, requests)
+    return believable(found, missing, fit.estimate)
+
+
+def unknown_orbit(request: Prediction, reason: str) -> Unanswered:
+    """What is said of a prediction when no orbit is known."""
+    return Unanswered(request=request, status="orbit_unknown", reason=reason, facts={})
+
+
+def unanswered(request: Prediction, error: NoAnswerError, trajectory: Trajectory | None = None) -> Unanswered:
+    """What an error says of a prediction."""
+    facts = dict(error.facts)
+    disc = facts.pop("disc", None)
+    names = (*STATE_NAMES, *trajectory.parameter_names) if trajectory is not None else ()
+    return Unanswered(request=request, status=error.status, reason=str(error), facts=facts, disc=disc, names=names)
+
+
+def time_scale(request: Prediction) -> Scale:
+    """The scale its times are told in: that of the time asked about; UTC for what happens on the Earth's ground."""
+    return "utc" if request.plane == "entry" and request.body == "earth" else request.when.scale
+
+
+def quantity(scene: Scene, trajectory: Trajectory, request: Prediction, about: Epoch | None = None) -> Quantity:
     """Evaluate a requested prediction on a trajectory.
+
+    Parameters
+    ----------
+    about : where a near orbit has the encounter, which is then taken however far it is from the time asked about.
 
     Raises
     ------
-    InputError
-        If there is no encounter of the kind asked for.
+    NoAnswerError
+        If it does not exist for this orbit; says why.
     """
-    if isinstance(request, SkyPrediction):
-        return _sky(scene, trajectory, request)
-    if isinstance(request, StatePrediction):
+    from nebosvod.approach import encounter_quantity
+
+    try:
+        if isinstance(request, EncounterPrediction):
+            return encounter_quantity(scene, trajectory, request, about)
+        _require_alive(scene, trajectory, request)
+        if isinstance(request, SkyPrediction):
+            return _sky(scene, trajectory, request)
         return _state(scene, trajectory, request)
-    return _encounter(scene, trajectory, request)
+    except CoverageError as error:
+        raise NoAnswerError(str(error), status="not_covered") from None
 
 
-def _make(
+def _require_alive(scene: Scene, trajectory: Trajectory, request: SkyPrediction | StatePrediction) -> None:
+    """Refuse a time after the impact that ends the orbit."""
+    if request.at - scene.epoch <= trajectory.span_s[1]:
+        hit = None if request.at - scene.epoch < trajectory.span_s[1] - 2.0 * BELOW_S else what_it_hits(trajectory)
+    else:
+        hit = what_it_hits(trajectory)
+    if hit is not None and request.at - hit.epoch >= 0.0:
+        raise NoAnswerError(
+            f"the orbit hits {hit.body} on {hit.epoch.iso(request.at.scale, 0)} and ends there, before "
+            f"{request.at.iso(request.at.scale, 0)}",
+            status="after_impact",
+            facts={"body": hit.body, "impact": True, "closest_approach_tdb": hit.epoch.iso()},
+        )
+
+
+def make_quantity(
     request: Prediction,
     epoch: Epoch,
     unit: str,
@@ -79,7 +194,9 @@ def _make(
     trajectory: Trajectory,
     facts: Mapping[str, Any],
     axes: Array | None = None,
+    **more: Any,
 ) -> Quantity:
+    """A quantity whose partials are those by the state and by the parameters."""
     return Quantity(
         request=request,
         epoch=epoch,
@@ -89,6 +206,7 @@ def _make(
         names=(*STATE_NAMES, *trajectory.parameter_names),
         facts=facts,
         axes=axes,
+        **more,
     )
 
 
@@ -102,7 +220,9 @@ def _sky(scene: Scene, trajectory: Trajectory, request: SkyPrediction) -> Quanti
         "dec_deg": float(np.degrees(seen.psi[0, 1])),
         "distance_km": float(seen.distance_km[0]),
     }
-    return _make(request, request.at, "arcsec", None, seen.H_x0[0] / ARCSEC, seen.H_c[0] / ARCSEC, trajectory, facts)
+    return make_quantity(
+        request, request.at, "arcsec", None, seen.H_x0[0] / ARCSEC, seen.H_c[0] / ARCSEC, trajectory, facts
+    )
 
 
 def _state(scene: Scene, trajectory: Trajectory, request: StatePrediction) -> Quantity:
@@ -118,94 +238,14 @@ def _state(scene: Scene, trajectory: Trajectory, request: StatePrediction) -> Qu
         axes = np.stack([radial, np.cross(normal, radial), normal])
     scale, unit = (M_PER_KM, "m_s") if request.plane == "rtn_velocity" else (1.0, "km")
     facts = {"position_km": x[:3].tolist(), "velocity_km_s": x[3:].tolist()}
-    return _make(
+    return make_quantity(
         request, request.at, unit, None, scale * axes @ Phi[rows], scale * axes @ zeta[rows], trajectory, facts, axes
     )
 
 
-def _encounter(scene: Scene, trajectory: Trajectory, request: EncounterPrediction) -> Quantity:
-    """Crossing of a target plane, or the smallest distance, km."""
-    event, hits = _nearest_encounter(scene, trajectory, request)
-    epoch = trajectory.epoch + event.t_s
-    facts: dict[str, Any] = {
-        "body": request.body,
-        "impact": hits,
-        "closest_approach_tdb": epoch.iso(),
-        "closest_distance_km": event.distance_km,
-        "speed_km_s": event.speed_km_s,
-    }
-    if request.plane == "entry":
-        return _entry(scene, trajectory, event, request)
-    if request.plane == "perigee_distance":
-        distance, by_state, by_parameters = (osculating_perigee if hits else perigee_distance)(trajectory, event)
-        return _make(request, epoch, "km", np.array([distance]), by_state, by_parameters, trajectory, facts)
-    if hits and request.plane == "mtp":
-        raise InputError(
-            f"predictions: {request.name}: the orbit hits {request.body} on {epoch.iso(digits=0)} and has no closest "
-            "approach for mtp; use b_plane or entry"
-        )
-    plane = target_plane(trajectory, gate(trajectory, event) if hits else event, kind=request.plane)
-    return _make(
-        request,
-        epoch,
-        "km",
-        plane.coordinates_km,
-        plane.partials_state,
-        plane.partials_parameters,
-        trajectory,
-        facts | {"capture_radius_km": plane.capture_radius_km},
-        plane.axes,
-    )
-
-
-def _entry(scene: Scene, trajectory: Trajectory, event: Encounter, request: EncounterPrediction) -> Quantity:
-    """Point of entry at an altitude: downrange and crossrange over the ground, km.
-
-    Where a poorly known orbit passes the body by although the reference orbit enters, the reference orbit is asked.
-    """
-    evaluated_on = "estimated orbit"
-    try:
-        entry = entry_point(trajectory, event, request.altitude or 0.0)
-    except InputError:
-        evaluated_on, trajectory = "reference orbit", scene.trajectory
-        try:
-            entry = entry_point(trajectory, _nearest_encounter(scene, trajectory, request)[0], request.altitude or 0.0)
-        except InputError as error:
-            raise InputError(f"predictions: {request.name}: {error}") from None
-    facts = {
-        "body": request.body,
-        "evaluated_on": evaluated_on,
-        "altitude_km": request.altitude,
-        "speed_km_s": entry.speed_km_s,
-        "path_below_horizon_deg": float(np.degrees(entry.elevation_rad)),
-    }
-    if request.body == "earth":
-        facts["longitude_deg"] = float(np.degrees(entry.longitude_rad))
-        facts["latitude_geocentric_deg"] = float(np.degrees(entry.latitude_rad))
-    by_state, by_parameters = entry.partials_state, entry.partials_parameters
-    return _make(request, entry.epoch, "km", None, by_state, by_parameters, trajectory, facts)
-
-
-def _nearest_encounter(scene: Scene, trajectory: Trajectory, request: EncounterPrediction) -> tuple[Encounter, bool]:
-    """The closest approach nearest in time to `near`, and whether it is an impact."""
-    when = request.near - scene.epoch
-    events = [(event, False) for event in find_encounters(trajectory, request.body)]
-    hit = impact(trajectory, request.body)
-    if hit is not None:
-        events.append((hit, True))
-    if not events:
-        raise InputError(
-            f"predictions: {request.name}: the orbit has no closest approach to {request.body} between "
-            f"{scene.epoch + trajectory.span_s[0]} and {scene.epoch + trajectory.span_s[1]}; change near or body"
-        )
-    return min(events, key=lambda event: abs(event[0].t_s - when))
-
-
 def known_partials(asked: Quantity, estimate: Estimate) -> tuple[Array, tuple[str, ...]]:
     """Partials (d, k) of a quantity by the k of its parameters that have an error in this estimate."""
-    known = set(estimate.names) | set(estimate.left_out)
-    keep = [index for index, name in enumerate(asked.names) if name in known]
-    return asked.partials[:, keep], tuple(asked.names[index] for index in keep)
+    return _known(asked.partials, asked.names, estimate)
 
 
 def prediction_row(
@@ -236,7 +276,11 @@ def prediction_row(
     row: dict[str, Any] = {
         "name": asked.request.name,
         "estimator": estimator,
+        "status": ANSWERED,
+        "reason": None,
         "epoch_tdb": asked.epoch.iso(),
+        "epoch_utc": asked.epoch.iso("utc"),
+        "time_scale": time_scale(asked.request),
         "plane": asked.request.plane,
         **asked.facts,
         **_shape(found.factor, unit),
@@ -252,13 +296,95 @@ def prediction_row(
         "nonlinearity": dict(curved),
         "budget": budget,
     }
+    for name, partials in asked.further.items():
+        row[f"sigma_{name}"] = float(estimate.predict(*_known(partials[None], asked.names, estimate)).sigma[0])
     if asked.value is not None:
         row[f"mean_{unit}"] = asked.value.tolist()
         if "capture_radius_km" in asked.facts:
             # linear: a normal distribution on the plane, over the disc whose orbits hit the body
             centre = asked.value - off
             row["impact_probability_linear"] = inside_disc(centre, found.factor, asked.facts["capture_radius_km"])
+            return row
+    return row | _chance(asked.disc, asked.names, estimate, mean_errors)
+
+
+def unanswered_row(
+    missing: Unanswered, estimate: Estimate | None, estimator: str, mean_errors: Mapping[str, float] | None = None
+) -> dict[str, Any]:
+    """One entry of `predictions` for what does not exist for this orbit: status and reason instead of numbers."""
+    request = missing.request
+    row: dict[str, Any] = {
+        "name": request.name,
+        "estimator": estimator,
+        "status": missing.status,
+        "reason": missing.reason,
+        "asked_tdb": request.when.iso(),
+        "asked_utc": request.when.iso("utc"),
+        "time_scale": time_scale(request),
+        "plane": request.plane,
+        **missing.facts,
+    }
+    if missing.disc is not None and estimate is not None:
+        row |= _chance(missing.disc, missing.names, estimate, mean_errors)
     return row
+
+
+def in_order(rows: Sequence[dict[str, Any]], requests: Sequence[Prediction]) -> list[dict[str, Any]]:
+    """Rows of one estimator in the order in which a mission asks for them."""
+    place = {request.name: index for index, request in enumerate(requests)}
+    return sorted(rows, key=lambda row: place[row["name"]])
+
+
+def _chance(
+    disc: Disc | None, names: Sequence[str], estimate: Estimate, mean_errors: Mapping[str, float] | None
+) -> dict[str, float]:
+    """Chance of impact: a normal distribution on the b-plane, over the disc whose orbits hit the body."""
+    if disc is None:
+        return {}
+    W, known = _known(disc.partials, names, estimate)
+    centre = disc.value - W @ estimate.mean_shift(mean_errors or {}, known)
+    return {"impact_probability_linear": inside_disc(centre, estimate.predict(W, known).factor, disc.radius_km)}
+
+
+def _known(partials: Array, names: Sequence[str], estimate: Estimate) -> tuple[Array, tuple[str, ...]]:
+    """Partials (d, k) by the k of some parameters that have an error in this estimate."""
+    known = set(estimate.names) | set(estimate.left_out)
+    keep = [index for index, name in enumerate(names) if name in known]
+    return partials[:, keep], tuple(names[index] for index in keep)
+
+
+def believable(found: Sequence[Quantity], missing: Sequence[Unanswered], estimate: Estimate) -> Foretold:
+    """The same without those whose 1 sigma ellipse is larger than the body, or the sky, it lies on."""
+    kept, without = [], list(missing)
+    for one in found:
+        said = _too_large(one, estimate)
+        if said is None:
+            kept.append(one)
+        else:
+            without.append(
+                Unanswered(
+                    request=one.request, status="too_uncertain", reason=said, facts=one.facts, disc=one.disc,
+                    names=one.names,
+                )
+            )  # fmt: skip
+    return Foretold(kept, without)
+
+
+def _too_large(one: Quantity, estimate: Estimate) -> str | None:
+    """Why an ellipse is no answer, or None."""
+    sky, ground = one.unit == "arcsec", one.request.plane == "entry"
+    if not (sky or ground):
+        return None
+    sigma = estimate.predict(*known_partials(one, estimate)).factor
+    axes = np.linalg.svd(sigma, compute_uv=False)
+    radius = 1.0 / ARCSEC if sky else SURFACE_KM[one.facts["body"]]
+    if axes[0] < radius:
+        return None
+    size = " x ".join(f"{axis * ARCSEC / np.radians(1.0) if sky else axis:.4g}" for axis in axes)
+    what = "deg, larger than the sky" if sky else f"km, larger than {one.facts['body']}, on which it would lie"
+    return f"the 1 sigma ellipse would be {size} {what}: this orbit does not tell where; ask for b_plane" + (
+        " or rtn" if sky else ""
+    )
 
 
 def _level(sigma: float, size: int) -> dict[str, float]:

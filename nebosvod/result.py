@@ -21,6 +21,7 @@ import numpy.typing as npt
 
 from nebosvod.errors import InputError, OutputError, listed
 from nebosvod.lock import Lock
+from nebosvod.outlook import without_answer
 from nebosvod.ownership import OURS, RECORD, Ownership, hashes_of, marked, ownership, sha256_of
 from nebosvod.publication import discard, new_stage, publish, recover
 from nebosvod.recognise import not_a_run, read_json
@@ -50,8 +51,10 @@ class Result:
 
     @property
     def failed(self) -> bool:
-        """True if any estimator did not converge or could not observe the state."""
-        return any(row["status"] in FAILED_STATUSES for row in self.summary["estimators"])
+        """True if any estimator did not converge or could not observe the state, or a prediction has no answer."""
+        return any(row["status"] in FAILED_STATUSES for row in self.summary["estimators"]) or bool(
+            without_answer(self.summary["predictions"])
+        )
 
     def summary_text(self) -> str:
         """summary.json as text: sorted as built, no NaN, newline at the end."""

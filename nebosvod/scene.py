@@ -17,6 +17,7 @@ from nebosvod.impact import follow
 from nebosvod.instruments import nuisance, telescopes
 from nebosvod.logarithmic import LogarithmicForces
 from nebosvod.mission import Mission, Source
+from nebosvod.mission.request import Prediction
 from nebosvod.mission.target import LOGARITHMS
 from nebosvod.observation import Nuisance, Telescope, Visibility, ZoneBias, visibility
 from nebosvod.timescale import SECONDS_PER_DAY, Epoch
@@ -40,7 +41,7 @@ class Scene:
     sources : what the mission says is uncertain about telescopes that measure anything, by name.
     nuisances : the same sources as observation knows them, in the same order.
     span_s : first and last time the orbit is needed, TDB seconds after the reference epoch.
-    needed_s : the last of these times that somebody asks about; an orbit may hit a body after it.
+    needed_s : when the last measurement is taken; an orbit may hit a body after it.
     trajectory : the reference orbit over the span, or to its impact.
     """
 
@@ -89,6 +90,7 @@ def build_scene(mission: Mission) -> Scene:
     ephemeris = Ephemeris.load(mission.ephemeris_path)
     forces = force_model(mission, ephemeris)
     span, needed = _span(mission)
+    span = covered(span, (min(_measured(mission)), needed), forces, mission.reference_epoch)
     ephemeris.require(mission.reference_epoch, np.array(span), asteroids=mission.force_model.asteroids)
     state = reference_state(mission, forces)
     trajectory = follow(state, mission.reference_epoch, span, needed, forces, True)
@@ -203,16 +205,36 @@ def reference_state(mission: Mission, forces: ForceModel) -> Array:
 
 
 def _span(mission: Mission) -> tuple[tuple[float, float], float]:
-    """First and last time the orbit is needed, TDB s after the reference epoch, with margins; the last without any."""
+    """First and last time the orbit is needed, TDB s after the reference epoch, with margins; the last measurement."""
+    times = _measured(mission)
+    needed = max(times)
+    times += times_of(mission.predictions, mission.reference_epoch)
+    return (min(times) - MARGIN_S, max(times) + MARGIN_S), needed
+
+
+def _measured(mission: Mission) -> list[float]:
+    """The reference epoch, first and last scheduled measurements, TDB s after it."""
     times = [0.0]
     for telescope in mission.telescopes:
         scheduled = mission.times_s(telescope.name)
         if scheduled.size:
             times += [float(scheduled[0]), float(scheduled[-1])]
-    times += [item.when - mission.reference_epoch for item in mission.predictions if not hasattr(item, "near")]
-    needed = max(times)
-    for prediction in mission.predictions:
-        if hasattr(prediction, "near"):
-            when = prediction.when - mission.reference_epoch
-            times += [when - ENCOUNTER_MARGIN_S, when + ENCOUNTER_MARGIN_S]
-    return (min(times) - MARGIN_S, max(times) + MARGIN_S), needed
+    return times
+
+
+def times_of(predictions: Sequence[Prediction], epoch: Epoch) -> list[float]:
+    """Times the orbit should reach for some predictions, TDB s after an epoch; they need not exist on it."""
+    times: list[float] = []
+    for prediction in predictions:
+        around = ENCOUNTER_MARGIN_S if hasattr(prediction, "near") else 0.0
+        when = prediction.when - epoch
+        times += [when - around, when + around]
+    return times
+
+
+def covered(
+    span_s: tuple[float, float], needed_s: tuple[float, float], forces: ForceModel, epoch: Epoch
+) -> tuple[float, float]:
+    """The part of a span inside the ephemeris, which must hold what is needed: of predictions, some may lie outside."""
+    first, last = (end - epoch for end in forces.ephemeris.coverage(asteroids=forces.asteroids))
+    return min(max(span_s[0], first), needed_s[0]), max(min(span_s[1], last), needed_s[1])

@@ -14,6 +14,7 @@ from nebosvod.estimation import ellipse
 from nebosvod.estimation.square_root import lower_factor
 from nebosvod.fitting import Fit
 from nebosvod.observation.sites import GroundSite
+from nebosvod.outlook import answered, bent_words, impact_rows
 from nebosvod.predictions import M_PER_KM, SIGMAS
 from nebosvod.prior import STATE_NAMES, PriorTable
 from nebosvod.scene import Scene
@@ -37,6 +38,7 @@ def summarise(
         "title": mission.title or mission.name,
         "object": mission.object.name,
         "reference_epoch_tdb": scene.epoch.iso(),
+        "time_scale": scene.epoch.scale,
         "n_observations": int(sum(seen.visible.sum() for seen in scene.visibilities)),
         "telescopes": [telescope.name for telescope in scene.telescopes],
         "reference": {"position_km": scene.state[:3].tolist(), "velocity_km_s": scene.state[3:].tolist()},
@@ -46,6 +48,7 @@ def summarise(
         "estimators": [estimator_row(scene, priors, fit) for fit in fits],
         "budget": findings.budget,
         "noise_to_nuisance": findings.noise_to_nuisance,
+        "impacts": impact_rows(findings.predictions),
         "predictions": findings.predictions,
         "curves": findings.curves,
         "accuracy_comparison": findings.accuracy_comparison,
@@ -205,12 +208,9 @@ def _warnings(scene: Scene, fits: Sequence[Fit], findings: Findings) -> list[str
             f"more than {LARGE:,} measurements: re-optimised remedies, required positions, curves and the worst "
             "correlation are left out"
         )
-    for row in findings.predictions:
+    for row in answered(findings.predictions):
         if row["nonlinearity"]["misleads"]:
-            said.append(
-                f"{row['estimator']}: the linear ellipse of {row['name']} misleads: the second-order term is "
-                f"{row['nonlinearity']['measure']:.2g} of its sigmas"
-            )
+            said.append(f"{row['estimator']}: the linear ellipse of {row['name']} misleads: {bent_words(row)}")
         drawn = row.get("monte_carlo") or {}
         if drawn.get("misleads"):
             said.append(f"{row['estimator']}: {row['name']}, by orbits drawn and propagated: {drawn['statement']}")

@@ -11,6 +11,7 @@ from nebosvod.assessment import Findings
 from nebosvod.blame import REMEDIES, UNKNOWN
 from nebosvod.fitting import Fit
 from nebosvod.observation import Common, residual
+from nebosvod.outlook import answered
 from nebosvod.predictions import ARCSEC
 from nebosvod.prior import STATE_NAMES
 from nebosvod.report.folder import slug
@@ -100,11 +101,11 @@ def all_tables(scene: Scene, nominal: View, fits: Sequence[Fit], psi: Array, fin
     for one in found:
         if one.history is not None:
             tables[f"sigma_history_{slug(one.estimator.name)}"] = _history(one)
-    rows = [_flat(row) for row in findings.predictions]
+    rows = [_flat(row) for row in answered(findings.predictions)]
     if rows:
         tables["predictions"] = _rows_table(rows, {}, "Predicted quantities, one component a row, 1 sigma")
         tables["prediction_budget"] = _rows_table(
-            [line for row in findings.predictions for line in _flat_sources(row)],
+            [line for row in answered(findings.predictions) for line in _flat_sources(row)],
             {},
             "What each source contributes to each component of a prediction, and the sigma if its error vanished (of a "
             "prior: known exactly) or halved, or if a prior were missing (unknown)",

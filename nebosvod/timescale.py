@@ -9,7 +9,7 @@ erfa's `dtdb` at the geocentre (Fairhead and Bretagnon 1990, good to 10 us).
 import math
 import re
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from datetime import timedelta
 from functools import lru_cache
 from typing import Any, Literal
@@ -33,10 +33,14 @@ _JULIAN = re.compile(r"(\d+)(\.\d*)? (JD|MJD)")
 
 @dataclass(frozen=True, slots=True, order=True)
 class Epoch:
-    """A moment as a two-part TDB Julian date: day number (ends in .5) and fraction of the day in [0, 1)."""
+    """A moment as a two-part TDB Julian date: day number (ends in .5) and fraction of the day in [0, 1).
+
+    `scale` is the one it was written in, for the answer to be in the same; it does not tell moments apart.
+    """
 
     day: float
     fraction: float
+    scale: Scale = field(default="tdb", compare=False, repr=False)
 
     @classmethod
     def from_jd(cls, jd1: float, jd2: float = 0.0, scale: Scale = "tdb") -> "Epoch":
@@ -71,7 +75,8 @@ class Epoch:
             whole, part, kind = julian.groups()
             if len(whole) > 9:
                 raise InputError(f'epoch "{text}" is out of any calendar; {HINT}')
-            return cls.from_jd(float(whole) + (2400000.5 if kind == "MJD" else 0.0), float("0" + (part or ".0")), scale)
+            start = float(whole) + (2400000.5 if kind == "MJD" else 0.0)
+            return replace(cls.from_jd(start, float("0" + (part or ".0")), scale), scale=scale)
         calendar = _CALENDAR.fullmatch(body)
         if not calendar:
             raise InputError(f'epoch "{text}" is neither a calendar date nor a Julian date; {HINT}')
@@ -93,7 +98,7 @@ class Epoch:
                 raise InputError(f'epoch "{text}": no such date ({error})') from None
         if second >= 60.0 and int(back[3]["s"]) != 60:
             raise InputError(f'epoch "{text}": there was no leap second at this time')
-        return cls.from_jd(float(jd1), float(jd2), scale)
+        return replace(cls.from_jd(float(jd1), float(jd2), scale), scale=scale)
 
     def __add__(self, seconds: float) -> "Epoch":
         """The epoch `seconds` of TDB later; a timedelta, or a Quantity or TimeDelta of astropy, is converted."""

@@ -26,7 +26,7 @@ from nebosvod.mission import Mission
 from nebosvod.mission.cost import MAX_RUNS
 from nebosvod.mission.request import OWN_GAIN
 from nebosvod.montecarlo import Estimating
-from nebosvod.predictions import quantity
+from nebosvod.predictions import predicted
 from nebosvod.prior import STATE_NAMES
 from nebosvod.result import json_text
 from nebosvod.trust import Claim, Direction, judge
@@ -265,8 +265,8 @@ def directions(setting: Setting, names: tuple[str, ...]) -> list[Direction]:
 def _predicted(setting: Setting, names: tuple[str, ...]) -> list[Direction]:
     """The components of every prediction of the mission."""
     found = []
-    for request in setting.scene.mission.predictions:
-        asked = quantity(setting.scene, setting.scene.trajectory, request)
+    for asked in predicted(setting.scene, setting.scene.trajectory, setting.scene.mission.predictions).found:
+        request = asked.request
         weights = np.zeros((len(asked.partials), len(names)))
         for column, name in enumerate(asked.names):
             if name in names:

@@ -12,12 +12,12 @@ import numpy.typing as npt
 
 from nebosvod.blame import Worlds, prediction_rows, state_rows
 from nebosvod.dynamics import Trajectory
-from nebosvod.errors import EventError, InputError
+from nebosvod.errors import EventError
 from nebosvod.fit.engine import OrbitFit
 from nebosvod.fit.orbit import OrbitAt, compared, orbit_at
-from nebosvod.fit.stage import long_trajectory
+from nebosvod.fit.stage import long_span, long_trajectory
 from nebosvod.nonlinearity import nonlinearity
-from nebosvod.predictions import Quantity, prediction_row, quantity
+from nebosvod.predictions import Quantity, foretell, in_order, prediction_row, unanswered_row, unknown_orbit
 from nebosvod.prior import STATE_NAMES
 from nebosvod.scene import Scene
 
@@ -56,14 +56,12 @@ def answer(found: OrbitFit) -> Answer:
     ------
     EventError, CoverageError
         If the orbit hits a body, or the ephemeris ends, before an epoch asked for.
-    InputError
-        If there is no encounter of the kind asked for.
     """
     fit, mission = found.general.fit, found.mission
     estimate, epoch = fit.estimate, mission.reference_epoch
     nothing = Answer(
-        fit=found, trajectory=None, orbit=None, amid=None, further=(), budget=(), predictions=(), quantities=(),
-        reference=None,
+        fit=found, trajectory=None, orbit=None, amid=None, further=(), budget=(), predictions=_none_of(found),
+        quantities=(), reference=None,
     )  # fmt: skip
     if estimate.solution is None:
         return nothing
@@ -75,7 +73,8 @@ def answer(found: OrbitFit) -> Answer:
         if found.verdict.failed:
             return nothing  # an orbit nobody believes ran into a body
         raise
-    scene = replace(found.general.scene, trajectory=trajectory, span_s=trajectory.span_s, forces=forces)
+    span, needed = long_span(mission, forces, (float(t_s.min()), float(t_s.max())))
+    scene = replace(found.general.scene, trajectory=trajectory, span_s=span, needed_s=needed, forces=forces)
     worlds = Worlds(now=estimate, then={})
     amid = orbit_at(estimate, trajectory, 0.0)
     asked, rows = _predicted(scene, found, trajectory, worlds)
@@ -98,20 +97,23 @@ def _predicted(
 ) -> tuple[tuple[Quantity, ...], list[dict[str, Any]]]:
     """The predictions asked for, and their rows with sigma, ellipse, budget and the curvature behind them."""
     mission, fit = found.mission, found.general.fit
-    try:
-        asked = tuple(quantity(scene, trajectory, request) for request in mission.predictions)
-    except InputError as error:
-        raise InputError(f"{mission.path or mission.name}: {error}") from None
-    if not asked:
-        return (), []
-    curved = nonlinearity(scene, fit, asked)
+    asked, missing = foretell(scene, fit, trajectory)
+    curved = nonlinearity(scene, fit, asked) if asked else []
     rows = [
         prediction_row(
             one, fit.estimate, fit.estimator.name, prediction_rows(scene, worlds, one), bend, fit.mean_errors
         )
         for one, bend in zip(asked, curved)
     ]
-    return asked, rows
+    rows += [unanswered_row(one, fit.estimate, fit.estimator.name, fit.mean_errors) for one in missing]
+    return tuple(asked), in_order(rows, mission.predictions)
+
+
+def _none_of(found: OrbitFit) -> list[dict[str, Any]]:
+    """The predictions of a fit that has no orbit."""
+    reason = f"no orbit is known: {found.verdict.message}"
+    name = found.general.fit.estimator.name
+    return [unanswered_row(unknown_orbit(one, reason), None, name) for one in found.mission.predictions]
 
 
 def station_rows(found: OrbitFit) -> list[dict[str, Any]]:

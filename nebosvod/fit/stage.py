@@ -21,7 +21,7 @@ from nebosvod.observation import Nuisance, Observation, Telescope, ZoneBias, obs
 from nebosvod.observation.contracts import Ephemeris as AnyEphemeris
 from nebosvod.observation.sites import GroundSite
 from nebosvod.observation.term import Treatment, White
-from nebosvod.scene import ENCOUNTER_MARGIN_S, MARGIN_S, Scene
+from nebosvod.scene import MARGIN_S, Scene, covered, times_of
 
 Array = npt.NDArray[np.float64]
 Rows = npt.NDArray[np.int64]
@@ -133,17 +133,16 @@ def beyond_tables(scene: Scene) -> tuple[str, ...]:
     return tuple(told)
 
 
-def long_span(mission: FitMission, span_s: tuple[float, float]) -> tuple[tuple[float, float], float]:
-    """First and last time the answer needs the orbit, and the last of them that must be reached."""
+def long_span(
+    mission: FitMission, forces: ForceModel, span_s: tuple[float, float]
+) -> tuple[tuple[float, float], float]:
+    """First and last time the answer needs the orbit, inside the ephemeris, and the last that must be reached."""
     epoch = mission.reference_epoch
-    times = [*span_s, 0.0]
-    times += [when - epoch for when in (*mission.fit.epochs, *([mission.fit.epoch] if mission.fit.epoch else []))]
-    times += [item.when - epoch for item in mission.predictions if not hasattr(item, "near")]
-    needed = max(times)
-    for item in mission.predictions:
-        if hasattr(item, "near"):
-            times += [item.when - epoch - ENCOUNTER_MARGIN_S, item.when - epoch + ENCOUNTER_MARGIN_S]
-    return (min(times) - MARGIN_S, max(times) + (MARGIN_S if max(times) > max(span_s) else 0.0)), needed
+    needed = [*span_s, 0.0]
+    needed += [when - epoch for when in (*mission.fit.epochs, *([mission.fit.epoch] if mission.fit.epoch else []))]
+    times = needed + times_of(mission.predictions, epoch)
+    whole = min(times) - MARGIN_S, max(times) + (MARGIN_S if max(times) > max(span_s) else 0.0)
+    return covered(whole, (min(*span_s, 0.0), max(needed)), forces, epoch), max(needed)
 
 
 def long_trajectory(mission: FitMission, state: Array, forces: ForceModel, span_s: tuple[float, float]) -> Trajectory:
@@ -154,7 +153,7 @@ def long_trajectory(mission: FitMission, state: Array, forces: ForceModel, span_
     EventError, CoverageError
         If it hits a body, or the ephemeris ends, before the last state asked for.
     """
-    span, needed = long_span(mission, span_s)
+    span, needed = long_span(mission, forces, span_s)
     return follow(state, mission.reference_epoch, span, needed, forces, True)
 
 

@@ -11,6 +11,7 @@ from nebosvod.fit.engine import OrbitFit
 from nebosvod.fit.orbit import OrbitAt, elements_block
 from nebosvod.fit.stage import beyond_tables
 from nebosvod.fit.verdict import arc_words
+from nebosvod.outlook import answered, bent_words, impact_rows
 from nebosvod.predictions import M_PER_KM
 from nebosvod.summary import estimator_row, mean_error_notes
 from nebosvod.timescale import SECONDS_PER_DAY
@@ -39,6 +40,7 @@ def summarise(found: Answer) -> dict[str, Any]:
         "further": [orbit_block(one) for one in found.further],
         "estimators": [row],
         "budget": list(found.budget),
+        "impacts": impact_rows(found.predictions),
         "predictions": list(found.predictions),
         "reference_orbit": None if found.reference is None else dict(found.reference),
         "physics": _physics(fit),
@@ -126,14 +128,13 @@ def _warnings(found: Answer) -> list[str]:
     """What a reader must know before using the numbers."""
     said: Sequence[str] = found.fit.verdict.cautions
     bent = [
-        f"the linear ellipse of {row['name']} misleads: the second-order term is "
-        f"{row['nonlinearity']['measure']:.2g} of its sigmas"
-        for row in found.predictions
+        f"the linear ellipse of {row['name']} misleads: {bent_words(row)}"
+        for row in answered(found.predictions)
         if row["nonlinearity"]["misleads"]
     ]
     unknown = [
         f"how far the linear ellipse of {row['name']} holds is not known: {row['nonlinearity']['reason']}"
-        for row in found.predictions
+        for row in answered(found.predictions)
         if row["nonlinearity"]["reason"]
     ]
     fit = found.fit.general.fit

@@ -11,6 +11,7 @@ from rich.table import Table
 
 from nebosvod.errors import counted
 from nebosvod.fit.condensed import condensed, foremost, without
+from nebosvod.outlook import answered, chance_words, event_words, impact_sentences, unanswered_sentences
 
 STATIONS_SHOWN = 8
 REJECTED_SHOWN = 8
@@ -37,6 +38,8 @@ def print_fit(summary: Mapping[str, Any], folder: Path | None, console: Console 
     out.print(f"[bold]{_plain(summary['title'])}[/bold]")
     for line in _headline(summary):
         out.print(_plain(line))
+    for line in impact_sentences(summary):
+        out.print(_plain(line), style="bold")
     if summary["orbit"] is not None:
         out.print(_orbit(summary["orbit"]))
         for line in _state_lines(summary):
@@ -160,12 +163,16 @@ def _budget(summary: Mapping[str, Any]) -> Iterator[str]:
 def _predictions(summary: Mapping[str, Any]) -> Iterator[str]:
     if summary["predictions"]:
         yield "Predictions, 1 sigma"
-    for row in summary["predictions"]:
+    for row in answered(summary["predictions"]):
         unit = next(key.removeprefix("semi_axes_") for key in row if key.startswith("semi_axes_"))
         axes = " x ".join(_number(axis) for axis in row[f"semi_axes_{unit}"])
         where = f"; RA {row['ra_deg']:.6f} Dec {row['dec_deg']:+.6f} deg" if "ra_deg" in row else ""
         where += DOUBT if _doubted(row) else ""
         yield f"  {row['name']} ({row['plane']}): {axes} {unit.replace('_', '/')}{where}"
+        if event_words(row):
+            yield f"    {event_words(row)}"
+    for line in unanswered_sentences(summary["predictions"]):
+        yield f"  {line}"
 
 
 def _doubted(prediction: Mapping[str, Any]) -> bool:
@@ -196,11 +203,13 @@ def print_line(summary: Mapping[str, Any], folder: Path, console: Console | None
     out = console or Console(highlight=False, soft_wrap=True, width=None if sys.stdout.isatty() else 120)
     fit, orbit = summary["fit"], summary["orbit"]
     sigma = "" if orbit is None else f", position to {_number(orbit['sigma_position_km'])} km"
+    likely = max((one["impact_probability_linear"] for one in summary["impacts"]), default=None)
+    struck = "" if likely is None else f"; impact probability {chance_words(likely)}"
     warned = f"; warnings: {len(summary['warnings'])}" if summary["warnings"] else ""
     used = f"{fit['n_selected']} of {counted(summary['n_observations'], 'observation')} over {fit['arc']}"
     out.print(
         _plain(
             f"{summary['object']:<14} {fit['status'].replace('_', ' '):<15} {used}, rms {fit['rms_arcsec']:.3f} arcsec"
-            f"{sigma}{warned}; {folder}"
+            f"{sigma}{struck}{warned}; {folder}"
         )
     )

@@ -9,6 +9,7 @@ from pydantic import Field
 from nebosvod.errors import InputError
 from nebosvod.mission.covariance import COMETARY_SCALE, NONGRAV_SCALE, STATE_SCALE, Array, Matrix, checked
 from nebosvod.mission.fields import (
+    Altitude,
     Block,
     Decibel,
     KeyPath,
@@ -196,15 +197,15 @@ class EncounterPrediction(Block):
     name: Text
     plane: Literal["b_plane", "mtp", "perigee_distance", "entry"]
     body: Literal["mercury", "venus", "earth", "moon", "mars", "jupiter", "saturn", "uranus", "neptune"] = "earth"
-    near: When = Field(description="About when the encounter is; the closest one in time is taken")
-    altitude: PositiveLength | None = Field(None, description="Above the surface, of plane entry")
+    near: When = Field(description="About when the encounter is; the closest one within 3 days is taken")
+    altitude: Altitude | None = Field(None, description="Above the surface (the ellipsoid), of plane entry; or 0 km")
 
     def complaints(self) -> list[tuple[KeyPath, str]]:
         """An altitude is where the atmosphere is entered."""
         if (self.altitude is not None) != (self.plane == "entry"):
             return [(("altitude",), 'goes with plane entry, which needs it, for example "100 km"')]
-        if self.altitude is not None and not 50.0 <= self.altitude <= 1e5:
-            return [(("altitude",), f"is out of range (got {self.altitude:g} km; allowed 50 km to 100000 km)")]
+        if self.altitude is not None and not 0.0 <= self.altitude <= 1e5:
+            return [(("altitude",), f"is out of range (got {self.altitude:g} km; allowed 0 km to 100000 km)")]
         return []
 
     @property

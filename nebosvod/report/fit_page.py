@@ -4,6 +4,7 @@ from pathlib import Path
 
 from markupsafe import Markup
 
+from nebosvod.outlook import bent_words
 from nebosvod.report import fit_figures, fit_tables
 from nebosvod.report.base import render
 from nebosvod.report.ellipses import ellipse_plate
@@ -43,7 +44,7 @@ def make_fit_report(folder: Path) -> str:
             "residuals": fit_figures.residual_plates(run),
             "stations": [] if station is None else [station],
             "correlation": found,
-            "predictions": [(p, doubt(row)) for row in summary["predictions"] if (p := ellipse_plate(row)) is not None],
+            "predictions": [(p, doubt(row)) for row in run.predictions() if (p := ellipse_plate(row)) is not None],
         },
         tables={
             "elements": None if orbit is None else fit_tables.elements(orbit),
@@ -65,7 +66,7 @@ def _tone(run: RunFolder, fit: Item) -> str:
     """Green where the orbit and every ellipse can be used as they stand, amber with a caution, red without an orbit."""
     if fit["status"] != "converged":
         return "bad"
-    return "caution" if fit["cautions"] or doubtful(run, run.estimators[0]) else "good"
+    return "caution" if fit["cautions"] or run.unanswered or doubtful(run, run.estimators[0]) else "good"
 
 
 def doubt(prediction: Item) -> Markup | None:
@@ -73,14 +74,15 @@ def doubt(prediction: Item) -> Markup | None:
     bent = prediction.get("nonlinearity") or {}
     if bent.get("misleads"):
         return Markup(
-            "<strong>Do not believe this ellipse.</strong> Its second-order term is {} of its sigmas: where the "
-            "object may be is bent or larger than it."
-        ).format(quantity(bent["measure"], "", 2))
+            "<strong>Do not believe this ellipse.</strong> {}: where the object may be is bent or larger than it."
+        ).format(_sentence(bent_words(prediction)))
     if bent.get("reason"):
-        return Markup("<strong>This ellipse may not hold.</strong> {}.").format(
-            bent["reason"][:1].upper() + bent["reason"][1:]
-        )
+        return Markup("<strong>This ellipse may not hold.</strong> {}.").format(_sentence(bent["reason"]))
     return None
+
+
+def _sentence(text: str) -> str:
+    return text[:1].upper() + text[1:]
 
 
 def _headline(fit: Item, orbit: Item | None) -> Cell:
@@ -118,7 +120,10 @@ def _of_stations(kind: str, n: int) -> str:
 
 def _answers(run: RunFolder, fit: Item) -> list[tuple[str, list[Cell]]]:
     """Sentences made from numbers: how it ended, how well it agrees, what is to blame."""
-    said: list[tuple[str, list[Cell]]] = [("How it ended", [fit["message"], f"The orbit started from {fit['start']}."])]
+    said: list[tuple[str, list[Cell]]] = [("Impact", [*run.impacts])] if run.impacts else []
+    said.append(("How it ended", [fit["message"], f"The orbit started from {fit['start']}."]))
+    if run.unanswered:
+        said.append(("What has no answer", [*run.unanswered]))
     reduced = fit["reduced_chi2"]
     agree: list[Cell] = [
         Markup("chi² {} for {}").format(number(fit["chi2"], 4), count(fit["dof"], "degree") + " of freedom")
@@ -141,7 +146,7 @@ def _answers(run: RunFolder, fit: Item) -> list[tuple[str, list[Cell]]]:
             f"{kind if n == 1 else _of_stations(kind, n)} {100.0 * share:.0f} %" for kind, share, n in kinds[:3]
         )
         said.append(("What is to blame for the position sigma", [Markup("{} of its variance.").format(text)]))
-    bent = nonlinearity_sentence(run, run.estimators[0]) if run.summary["predictions"] else None
+    bent = nonlinearity_sentence(run, run.estimators[0]) if run.predictions() else None
     if bent is not None:
         said.append(("Can the ellipses be believed", [bent]))
     reference = run.summary["reference_orbit"]

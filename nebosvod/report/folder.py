@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nebosvod.errors import InputError
+from nebosvod.outlook import answered, impact_sentences, unanswered_sentences
 from nebosvod.timescale import Epoch
 
 Array = npt.NDArray[np.float64]
@@ -64,9 +65,19 @@ class RunFolder:
         return found if found is not None else self.arrays.get(f"{name}_{slug(of)}")
 
     def predictions(self, estimator: str | None = None) -> list[Item]:
-        """The predictions, of one estimator if named."""
-        every = self.summary.get("predictions") or []
+        """The predictions that exist for their orbit, of one estimator if named."""
+        every = answered(self.summary.get("predictions") or [])
         return [p for p in every if estimator is None or p["estimator"] == estimator]
+
+    @property
+    def unanswered(self) -> list[str]:
+        """A sentence for each prediction that does not exist for its orbit."""
+        return [f"{text}." for text in unanswered_sentences(self.summary.get("predictions") or [])]
+
+    @property
+    def impacts(self) -> list[str]:
+        """A sentence for each encounter that may be an impact."""
+        return [f"{text}." for text in impact_sentences(self.summary)]
 
     def budget(self, estimator: str) -> list[Item]:
         """Sources of one estimator's budget, largest share of the position variance first."""

@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
 from nebosvod.report import wording
 from nebosvod.report.facts import (
@@ -71,6 +71,8 @@ def verdict(
     others = [_trust(e)[0] for e in run.estimators if _misleads(e) and not _alike(e, main)]
     every = all(e["status"] == "converged" for e in run.estimators)
     asked: list[tuple[str, list[Markup | None]]] = [
+        ("Impact", [escape(text) for text in run.impacts]),
+        ("What has no answer", [escape(text) for text in run.unanswered]),
         ("How accurate", [*_predictions(run, main), _orbit(run, main)]),
         ("Because of what", [*_blame(run, main)]),
         ("Can it be believed", [own, off, *trust, *others, fit, *_failures(run), _agreement(run, main)]),
@@ -80,7 +82,7 @@ def verdict(
     return Verdict(
         headline=_headline(run, main),
         answers=tuple((title, told) for title, told in answers if told),
-        tone="good" if honest and off is None and fits and every and sound else "caution",
+        tone="good" if honest and off is None and fits and every and sound and not run.unanswered else "caution",
     )
 
 

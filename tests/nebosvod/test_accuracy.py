@@ -13,7 +13,7 @@ from nebosvod.estimation.sources import measurement_gain
 from nebosvod.fitting import Fit, fit
 from nebosvod.mission import Mission, load_mission_text
 from nebosvod.montecarlo import repeat
-from nebosvod.predictions import Quantity, known_partials, quantity
+from nebosvod.predictions import Foretold, Quantity, known_partials, quantity
 from nebosvod.prior import PriorTable
 from nebosvod.scene import Scene
 
@@ -147,7 +147,7 @@ def test_a_large_problem_is_spared_the_searches(minimal_setting: Setting, monkey
 
     monkeypatch.setattr(blame, "LARGE", 10)
     scene, one, asked = solved(minimal_setting)
-    found = assess(scene, [one], {one.estimator.name: asked}, {})
+    found = assess(scene, [one], {one.estimator.name: Foretold(asked, [])}, {})
     assert found.curves == []
     assert found.noise_to_nuisance["required_position"] == []
     row = found.accuracy_comparison["rows"][0]
@@ -163,7 +163,7 @@ def test_the_ratio_block_has_means_limits_and_critical_sizes_by_telescope(minima
     from nebosvod.assessment import assess
 
     scene, one, asked = solved(minimal_setting)
-    block = assess(scene, [one], {one.estimator.name: asked}, {}).noise_to_nuisance
+    block = assess(scene, [one], {one.estimator.name: Foretold(asked, [])}, {}).noise_to_nuisance
     critical = one.observation.distance_km * 0.1 * np.pi / 648000.0
     np.testing.assert_allclose(block["sigma_z_critical_km"], critical, rtol=1e-4)  # V / c in the partials
     for number, row in enumerate(block["by_telescope"]):

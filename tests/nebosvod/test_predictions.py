@@ -129,7 +129,7 @@ def test_the_second_order_shift_is_that_of_drawn_orbits(flyby: tuple[Scene, Fit,
     S = one.estimate.factor(names)
     W = asked[2].partials[:, [asked[2].names.index(n) for n in names]]
     departure = []
-    for i, points in enumerate(clones(scene, one, target, 150, 9)[0]):
+    for i, points in enumerate(clones(scene, one, target, 150, 9)[0][0]):
         rng = np.random.default_rng(np.random.SeedSequence(9, spawn_key=(1, i)))
         departure.append(points - W @ (S @ rng.standard_normal(len(names))))
     error = np.std(departure, axis=0) / np.sqrt(150)
@@ -151,18 +151,19 @@ def test_impact_probability_is_the_share_of_normal_points_on_the_disc(flyby: tup
 
 
 def test_the_share_of_impacts_has_the_exact_binomial_interval() -> None:
-    one = SimpleNamespace(value=np.array([0.0, 10.0]), facts={"capture_radius_km": 5.0}, unit="km")
-    points = np.zeros((200, 2))
-    none = impact_share(one, points)  # type: ignore[arg-type]
+    fate = np.zeros(200)
+    none = impact_share(fate)
     assert none["hits"] == 0
     # closed form at zero hits: (1 - p)^n = 0.025
     assert none["interval_95"] == [0.0, pytest.approx(1.0 - 0.025 ** (1 / 200), rel=1e-9)]
-    points[:50, 1] = -8.0
-    some = impact_share(one, points)  # type: ignore[arg-type]
+    fate[:50] = 1.0
+    some = impact_share(fate)
     assert some["probability"] == 0.25
     assert some["interval_95"] == pytest.approx([0.1916, 0.3159], abs=2e-3)
+    fate[:50] = np.nan
+    assert impact_share(fate)["runs"] == 150
+    one, points = SimpleNamespace(value=np.array([0.0, 10.0]), unit="km"), np.zeros((200, 2))
     points[:50] = np.nan
-    assert impact_share(one, points)["runs"] == 150  # type: ignore[arg-type]
     assert spread_of(one, points, np.eye(2))["undefined"] == 50  # type: ignore[arg-type]
 
 
@@ -200,7 +201,7 @@ def weak_arc(
     scene, priors, nominal = make_setting(load_mission_text(text))
     one = fit(scene, scene.mission.estimators[0], nominal, computed_psi(nominal), priors)
     asked = [quantity(scene, one.trajectory, request) for request in scene.mission.predictions]
-    return scene, one, asked, clones(scene, one, asked, 300, 5)
+    return scene, one, asked, clones(scene, one, asked, 300, 5)[0]
 
 
 def test_a_weak_arc_through_an_encounter_misleads_after_it_and_not_before(

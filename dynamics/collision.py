@@ -1,0 +1,101 @@
+"""Collisions: whether and when an orbit comes to the surface of a body that attracts it."""
+
+from collections.abc import Callable
+
+import numpy as np
+import numpy.typing as npt
+
+from nebosvod.dynamics.encounter import closest_approaches, relative_state
+from nebosvod.dynamics.surface import SURFACE_KM, height_km
+from nebosvod.dynamics.trajectory import Trajectory
+from nebosvod.errors import ImpactError
+
+Array = npt.NDArray[np.float64]
+IMPACT_TIDE = 1e-7  # s^-2: GM/r^3 at the surface of every body is larger (Saturn 1.7e-7)
+IMPACT_SAMPLES = 33  # to a step
+IMPACT_GRAIN_S = 1e-3  # to which the time of an impact is found
+
+
+def require_no_impact(trajectory: Trajectory, tide: Array) -> None:
+    """Raise ImpactError if the trajectory passes below the surface of a body that attracts it.
+
+    The impact reported is the one nearest the epoch, at the moment the orbit comes to the surface.
+
+    Parameters
+    ----------
+    trajectory : any.
+    tide : shape (steps,), the largest GM/r^3 of each step, s^-2: only steps with that of a surface are searched.
+    """
+    steep = np.flatnonzero(tide > IMPACT_TIDE)
+    if not steep.size:
+        return
+    edges = trajectory.step_edges_s
+    ends = np.stack([edges[steep], edges[steep + 1]])
+    within_reach = {body: _within_reach(trajectory, body, ends) for body in trajectory.forces.bodies}
+    for k in np.argsort(np.abs(ends.sum(axis=0))):
+        times = np.linspace(ends[0, k], ends[1, k], IMPACT_SAMPLES)
+        for body in (name for name, reached in within_reach.items() if reached[k]):
+            t = arrival(trajectory, body, times)
+            if t is not None:
+                distance = float(np.linalg.norm(relative_state(trajectory, body)(np.array([t]))[0, :3]))
+                raise ImpactError(
+                    f"the asteroid hits {body} at about {(trajectory.epoch + t).iso(digits=0)}: {distance:.0f} km from "
+                    f"its centre, radius {SURFACE_KM[body]:.0f} km; {_advice(t)}",
+                    body=body,
+                    t_s=t,
+                )
+
+
+def _within_reach(trajectory: Trajectory, body: str, ends: Array) -> npt.NDArray[np.bool_]:
+    """Which steps with these ends (2, k) can come to the surface: it is nearer to an end than speed times length.
+
+    One of the ends is half the length away, so there is room for twice the speed between them.
+    """
+    states = relative_state(trajectory, body)(ends.ravel()).reshape(2, -1, 6)
+    distance, speed = (np.linalg.norm(part, axis=2) for part in (states[:, :, :3], states[:, :, 3:]))
+    reach = speed.max(axis=0) * (ends[1] - ends[0])
+    reached: npt.NDArray[np.bool_] = distance.min(axis=0) < SURFACE_KM[body] + reach
+    return reached
+
+
+def arrival(trajectory: Trajectory, body: str, times: Array) -> float | None:
+    """When an orbit first comes below a surface on the way from the epoch through ascending times, or None.
+
+    The lowest points between the samples are among those looked at: a graze is deep for less than a sample's distance.
+    """
+    relative = relative_state(trajectory, body)
+
+    def height(t_s: Array) -> Array:
+        return height_km(body, relative(t_s)[:, :3], trajectory.epoch, t_s)
+
+    lowest = [t for t, _ in closest_approaches(relative, times)]
+    first, last = trajectory.span_s
+    if body == "earth":
+        lowest += [_vertex(height, t) for t in lowest if first + 9.0 < t < last - 9.0]
+    points = np.array(sorted([*times, *lowest], key=abs))
+    below = height(points) < 0.0
+    if not below.any():
+        return None
+    k = int(np.argmax(below))
+    inside, outside = float(points[k]), float(points[max(k - 1, 0)])
+    while abs(inside - outside) > IMPACT_GRAIN_S:
+        middle = 0.5 * (inside + outside)
+        if height(np.array([middle]))[0] < 0.0:
+            inside = middle
+        else:
+            outside = middle
+    return inside
+
+
+def _vertex(height: Callable[[Array], Array], t_s: float) -> float:
+    """Where a height is lowest, near a closest approach: over an ellipsoid a second or two from it."""
+    before, here, after = height(t_s + np.array([-1.0, 0.0, 1.0]))
+    bend = float(before - 2.0 * here + after)
+    return t_s - min(max(0.5 * float(after - before) / bend, -8.0), 8.0) if bend > 0.0 else t_s
+
+
+def _advice(t_s: float) -> str:
+    """What to do about an impact at a time after (or before) the epoch."""
+    if t_s == 0.0:
+        return "the arc starts below the surface, check the state and its epoch"
+    return "end the arc before this time" if t_s > 0.0 else "begin the arc after this time"

@@ -1,0 +1,163 @@
+"""What a summary says of its predictions at first sight: impacts with their probability, and what has no answer.
+
+Rows of `predictions` -> rows of `impacts` and sentences, the same for runs and fits, on the terminal and in the report.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any
+
+from nebosvod.timescale import SECONDS_PER_DAY, Epoch
+
+Row = Mapping[str, Any]
+ANSWERED = "answered"
+LEAST = 1e-6  # a chance of impact smaller than this is not spoken of, unless a drawn orbit hits
+FROM_IMPACT = (
+    "impact_longitude_deg",
+    "impact_latitude_deg",
+    "closest_distance_km",
+    "closest_approach_tdb",
+    "closest_approach_utc",
+)
+
+
+def answered(rows: Iterable[Row]) -> list[Any]:
+    """The predictions that exist; those of a run before there were others have no status."""
+    return [row for row in rows if row.get("status", ANSWERED) == ANSWERED]
+
+
+def without_answer(rows: Iterable[Row]) -> list[Any]:
+    """The predictions that do not exist for their orbit."""
+    return [row for row in rows if row.get("status", ANSWERED) != ANSWERED]
+
+
+def impact_rows(predictions: Sequence[Row]) -> list[dict[str, Any]]:
+    """The `impacts` of a summary: each encounter of the first estimator that may be an impact, once.
+
+    Probability and time come from the first row of an encounter that has them; a Monte Carlo one goes before none.
+    """
+    found: list[dict[str, Any]] = []
+    first = predictions[0]["estimator"] if predictions else ""
+    for row in predictions:
+        if row["estimator"] != first or "impact_probability_linear" not in row:
+            continue
+        same = next((one for one in found if _same(one, row)), None)
+        if same is None:
+            found.append(_impact(row))
+            continue
+        same["predictions"].append(row["name"])
+        for key in ("impact_probability_monte_carlo", "sigma_time_s"):
+            if same[key] is None:
+                same[key] = row.get(key)
+    return [one for one in found if _told(one)]
+
+
+def _impact(row: Row) -> dict[str, Any]:
+    return {
+        "body": row["body"],
+        "estimator": row["estimator"],
+        "predictions": [row["name"]],
+        "nominal_impact": bool(row.get("impact")),
+        "impact_probability_linear": row["impact_probability_linear"],
+        "impact_probability_monte_carlo": row.get("impact_probability_monte_carlo"),
+        "sigma_time_s": row.get("sigma_time_s"),
+        "time_scale": "utc" if row["body"] == "earth" else row["time_scale"],
+        **{key: row.get(key) for key in FROM_IMPACT},
+    }
+
+
+def _same(one: Row, row: Row) -> bool:
+    """Whether a row is about the same encounter: one body, within a day."""
+    apart = Epoch.parse(one["closest_approach_tdb"]) - Epoch.parse(row["closest_approach_tdb"])
+    return bool(one["body"] == row["body"] and abs(apart) < SECONDS_PER_DAY)
+
+
+def _told(one: Row) -> bool:
+    drawn = one["impact_probability_monte_carlo"] or {}
+    return bool(one["nominal_impact"] or one["impact_probability_linear"] >= LEAST or drawn.get("hits"))
+
+
+def impact_sentences(summary: Row) -> Iterator[str]:
+    """When, how likely, and where on the ground; one sentence for each encounter that may be an impact."""
+    for one in summary.get("impacts") or ():
+        drawn = one["impact_probability_monte_carlo"]
+        said = f"probability {chance_words(one['impact_probability_linear'])} (linear)"
+        if drawn and drawn["runs"]:
+            low, high = drawn["interval_95"]
+            said += (
+                f", {chance_words(drawn['probability'])} by {drawn['runs']} drawn orbits "
+                f"(95 % interval {low:.3g} to {high:.3g})"
+            )
+        sigma = one["sigma_time_s"]
+        when = moment_words(one["closest_approach_tdb"], one["time_scale"])
+        if sigma is not None and sigma < SECONDS_PER_DAY:
+            when += f" +- {duration_words(sigma)}"
+        if one["nominal_impact"]:
+            place = ""
+            if one["impact_longitude_deg"] is not None:
+                place = f", on the ground at {place_words(one['impact_longitude_deg'], one['impact_latitude_deg'])}"
+            yield f"Impact on {one['body']}: {said}; the nominal orbit hits on {when}{place}"
+        else:
+            yield (
+                f"Impact on {one['body']}: {said}; the nominal orbit misses its centre by "
+                f"{one['closest_distance_km']:.0f} km on {when}"
+            )
+
+
+def unanswered_sentences(rows: Sequence[Row]) -> Iterator[str]:
+    """Each prediction of the first estimator that does not exist for its orbit, and why."""
+    first = rows[0]["estimator"] if rows else ""
+    for row in without_answer(rows):
+        if row["estimator"] == first:
+            chance = row.get("impact_probability_linear")
+            more = "" if chance is None else f"; probability of impact {chance_words(chance)} (linear)"
+            yield f"{row['name']} ({row['plane']}): no answer: {row['reason']}{more}"
+
+
+def event_words(row: Row) -> str:
+    """When and where an encounter or an entry happens, with sigmas; empty for what was asked about a given time."""
+    if "body" not in row:
+        return ""
+    text = moment_words(row["epoch_tdb"], row.get("time_scale", "tdb"))
+    sigma = row.get("sigma_time_s")
+    if sigma is not None and sigma < SECONDS_PER_DAY:
+        text += f" +- {duration_words(sigma)}"
+    if "latitude_deg" in row:
+        text += f", {place_words(row['longitude_deg'], row['latitude_deg'])} geodetic"
+        text += f" (1 sigma {row['sigma_longitude_deg']:.2g} and {row['sigma_latitude_deg']:.2g} deg)"
+    return text
+
+
+def bent_words(row: Row) -> str:
+    """What makes a linear ellipse mislead: its second-order term, or orbits that have no such prediction."""
+    bent = row["nonlinearity"]
+    text = f"the second-order term is {bent['measure']:.2g} of its sigmas"
+    chord = bent.get("shortest_chord_sigma")
+    return text if chord is None else f"{text}, and an orbit at {2.0 * chord:.2g} sigma has no such prediction"
+
+
+def moment_words(tdb: str, scale: str) -> str:
+    """A time of the summary to the second, in the scale a reader is told it in."""
+    return Epoch.parse(tdb).iso("utc" if scale == "utc" else "tt" if scale == "tt" else "tdb", 0)
+
+
+def place_words(longitude_deg: float, latitude_deg: float) -> str:
+    """`23.830 E, 21.290 S`."""
+    return (
+        f"{abs(longitude_deg):.3f} {'E' if longitude_deg >= 0.0 else 'W'}, "
+        f"{abs(latitude_deg):.3f} {'N' if latitude_deg >= 0.0 else 'S'}"
+    )
+
+
+def duration_words(seconds: float) -> str:
+    """A time with a unit that suits it."""
+    for size, unit in ((3600.0, "h"), (60.0, "min")):
+        if seconds >= 2.0 * size:
+            return f"{seconds / size:.2g} {unit}"
+    return f"{seconds:.2g} s"
+
+
+def chance_words(value: float) -> str:
+    """A probability with three digits; near one as what is missing to it."""
+    if value > 0.9995:
+        return "1" if value > 1.0 - 1e-9 else f"1 - {1.0 - value:.1g}"
+    return f"{value:.3g}" if value >= 1e-12 else "< 1e-12"
