@@ -160,13 +160,26 @@ def quantity(scene: Scene, trajectory: Trajectory, request: Prediction, about: E
 
     try:
         if isinstance(request, EncounterPrediction):
+            _require_covered(scene, trajectory, request)
             return encounter_quantity(scene, trajectory, request, about)
         _require_alive(scene, trajectory, request)
+        _require_covered(scene, trajectory, request)
         if isinstance(request, SkyPrediction):
             return _sky(scene, trajectory, request)
         return _state(scene, trajectory, request)
     except CoverageError as error:
         raise NoAnswerError(str(error), status="not_covered") from None
+
+
+def _require_covered(scene: Scene, trajectory: Trajectory, request: Prediction) -> None:
+    """Refuse a time outside the ephemeris."""
+    first, last = scene.ephemeris.coverage(asteroids=trajectory.forces.asteroids)
+    if not first <= request.when <= last:
+        scale = request.when.scale
+        raise NoAnswerError(
+            f"{request.when.iso(scale, 0)} is outside the ephemeris, {first.iso(scale, 0)} to {last.iso(scale, 0)}",
+            status="not_covered",
+        )
 
 
 def _require_alive(scene: Scene, trajectory: Trajectory, request: SkyPrediction | StatePrediction) -> None:

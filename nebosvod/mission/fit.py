@@ -282,15 +282,13 @@ class FitMission(Mission):
         return tuple(self.beside(name) for name in dict.fromkeys(named) if name is not None)
 
     def epochs(self) -> Iterable[tuple[KeyPath, Epoch]]:
-        """Every epoch at which the ephemeris is needed, with its path in the file."""
+        """Every epoch at which the ephemeris is needed, with its path in the file; predictions may lie outside."""
         if self.object.given_orbit is not None:
             yield ("object", "orbit", "epoch"), self.object.orbit.epoch
         if self.fit.epoch is not None:
             yield ("fit", "epoch"), self.fit.epoch
         for i, epoch in enumerate(self.fit.epochs):
             yield ("fit", "epochs", i), epoch
-        for i, item in enumerate(self.predictions):
-            yield ("predictions", i, "near" if hasattr(item, "near") else "at"), item.when
 
 
 def plain(telescope: str) -> str:

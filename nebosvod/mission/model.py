@@ -218,13 +218,11 @@ class Mission(Block):
         return tuple(name for name in prior.names if name in NONGRAV_SCALE) if prior else ()
 
     def epochs(self) -> Iterable[tuple[tuple[str | int, ...], Epoch]]:
-        """Every epoch at which the ephemeris is needed, with its path in the file."""
+        """Every epoch at which the ephemeris is needed, with its path in the file; predictions may lie outside."""
         yield ("reference_epoch",), self.reference_epoch
         yield ("object", "orbit", "epoch"), self.object.orbit.epoch
         for i, arc in enumerate(self.schedule):
             yield ("schedule", i, "start"), arc.start
             yield ("schedule", i, "end"), arc.end
-        for i, item in enumerate(self.predictions):
-            yield ("predictions", i, "near" if hasattr(item, "near") else "at"), item.when
         if isinstance(self.prior, Prior) and self.prior.epoch is not None:
             yield ("prior", "epoch"), self.prior.epoch
