@@ -114,7 +114,7 @@ Lead = Annotated[float, measured(ANGLE, -_TURN / 2, _TURN / 2, text="-180 deg to
 Azimuth = Annotated[float, measured(ANGLE, -_TURN, _TURN, text="-360 deg to 360 deg")]
 Length = Annotated[float, measured(LENGTH)]
 PositiveLength = Annotated[float, _positive(LENGTH)]
-Altitude = Annotated[float, measured(LENGTH, 0.0, text="0 or more")]
+Height = Annotated[float, measured(LENGTH, 0.0, text="0 or more")]
 Speed = Annotated[float, measured(SPEED)]
 PositiveSpeed = Annotated[float, _positive(SPEED)]
 PositiveDuration = Annotated[float, _positive(DURATION)]

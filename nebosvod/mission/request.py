@@ -9,9 +9,12 @@ from pydantic import Field
 from nebosvod.errors import InputError
 from nebosvod.mission.covariance import COMETARY_SCALE, NONGRAV_SCALE, STATE_SCALE, Array, Matrix, checked
 from nebosvod.mission.fields import (
-    Altitude,
     Block,
+<<<<<<< HEAD
     Decibel,
+=======
+    Height,
+>>>>>>> 44123e5 (Schema of a height)
     KeyPath,
     Parsed,
     PositiveDuration,
@@ -198,7 +201,7 @@ class EncounterPrediction(Block):
     plane: Literal["b_plane", "mtp", "perigee_distance", "entry"]
     body: Literal["mercury", "venus", "earth", "moon", "mars", "jupiter", "saturn", "uranus", "neptune"] = "earth"
     near: When = Field(description="About when the encounter is; the closest one within 3 days is taken")
-    altitude: Altitude | None = Field(None, description="Above the surface (the ellipsoid), of plane entry; or 0 km")
+    altitude: Height | None = Field(None, description="Above the surface (the ellipsoid), of plane entry; or 0 km")
 
     def complaints(self) -> list[tuple[KeyPath, str]]:
         """An altitude is where the atmosphere is entered."""
