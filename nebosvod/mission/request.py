@@ -10,11 +10,8 @@ from nebosvod.errors import InputError
 from nebosvod.mission.covariance import COMETARY_SCALE, NONGRAV_SCALE, STATE_SCALE, Array, Matrix, checked
 from nebosvod.mission.fields import (
     Block,
-<<<<<<< HEAD
     Decibel,
-=======
     Height,
->>>>>>> 44123e5 (Schema of a height)
     KeyPath,
     Parsed,
     PositiveDuration,
