@@ -124,9 +124,15 @@ def _units() -> ModuleType | None:
     return sys.modules.get("astropy.units")
 
 
-def _is_quantity(value: Any) -> bool:
+def is_quantity(value: Any) -> bool:
+    """Whether it is an astropy Quantity."""
     units = _units()
     return units is not None and isinstance(value, units.Quantity)
+
+
+def is_moment(value: Any) -> bool:
+    """Whether it is a moment of another library: astropy's Time, or a datetime."""
+    return _is_time(value) or isinstance(value, datetime)
 
 
 def _is_time(value: Any) -> bool:
@@ -141,7 +147,7 @@ def _is_duration(value: Any) -> bool:
 
 def _foreign(value: Any) -> bool:
     """Whether a value, or an element of a sequence, is of another library's kind."""
-    if _is_quantity(value) or _is_time(value) or _is_duration(value) or isinstance(value, datetime | np.datetime64):
+    if is_quantity(value) or _is_time(value) or _is_duration(value) or isinstance(value, datetime | np.datetime64):
         return True
     return isinstance(value, list | tuple) and any(_foreign(one) for one in value)
 
@@ -188,7 +194,7 @@ class Border:
             return ((days - start.day) + (fractions - start.fraction)) * SECONDS_PER_DAY
         if isinstance(value, datetime):
             return _of_datetime(value, what) - self.origin(what)
-        if not isinstance(value, list | tuple) or all(_is_quantity(one) for one in value):
+        if not isinstance(value, list | tuple) or all(is_quantity(one) for one in value):
             return None
         if not all(_foreign(one) for one in value):
             raise InputError(f"{what}: needs bare numbers (in s) or times, not a mixture of both")
@@ -212,10 +218,10 @@ class Border:
 def _numbers(value: Any, unit: str, what: str) -> Any:
     """A quantity, or a sequence of quantities, as bare numbers in `unit`."""
     units = _units()
-    if units is None or not (_is_quantity(value) or isinstance(value, list | tuple)):
+    if units is None or not (is_quantity(value) or isinstance(value, list | tuple)):
         raise InputError(f"{what}: needs a quantity in {unit} or in a unit like it, got {_described(value)}")
-    if not _is_quantity(value):
-        if not all(_is_quantity(one) for one in value):
+    if not is_quantity(value):
+        if not all(is_quantity(one) for one in value):
             raise InputError(f"{what}: needs bare numbers (in {unit}) or quantities, not a mixture of both")
         return np.array([_numbers(one, unit, what) for one in value])
     try:
@@ -227,12 +233,12 @@ def _numbers(value: Any, unit: str, what: str) -> Any:
 def _state(value: Any, what: str) -> npt.NDArray[np.float64]:
     """States (..., 6) in km, km/s: position and velocity each with their unit."""
     form = "a pair (position, velocity) of quantities, each of shape (..., 3), or bare numbers in km and km/s"
-    if not (_is_quantity(value) or isinstance(value, list | tuple)):
+    if not (is_quantity(value) or isinstance(value, list | tuple)):
         raise InputError(f"{what}: needs {form}, got {_described(value)}")
-    if _is_quantity(value) and value.dtype.names is None:
+    if is_quantity(value) and value.dtype.names is None:
         raise InputError(f"{what}: needs {form}; got all components in one unit, {_described(value)}")
-    parts: Sequence[Any] = [value[name] for name in value.dtype.names] if _is_quantity(value) else value
-    if len(parts) == 6 and all(_is_quantity(one) for one in parts):
+    parts: Sequence[Any] = [value[name] for name in value.dtype.names] if is_quantity(value) else value
+    if len(parts) == 6 and all(is_quantity(one) for one in parts):
         parts = ([*parts[:3]], [*parts[3:]])
     if len(parts) != 2:
         raise InputError(f"{what}: needs {form}")
@@ -269,7 +275,7 @@ def _tdb(value: Any, what: str) -> tuple[Any, Any]:
 
 def _described(value: Any) -> str:
     """What was given, in a few words."""
-    if _is_quantity(value):
+    if is_quantity(value):
         return f'a quantity in "{value.unit}"' if str(value.unit) else "a quantity without dimension"
     if _is_time(value):
         return "a Time"

@@ -42,9 +42,7 @@ def resolved(
         said["designation"] = tuple(designations)
     if not said:
         return mission
-    made = mission.model_copy(update={"fit": mission.fit.model_copy(update=said)})
-    made._path, made._text = mission._path, mission._text
-    return made
+    return mission.model_copy(update={"fit": mission.fit.model_copy(update=said)})
 
 
 def fit_one(

@@ -8,7 +8,7 @@ from nebosvod.mission import FitMission
 from nebosvod.mission.fields import observation_time
 from nebosvod.mission.fit import empty_interval
 from nebosvod.observation.records import Astrometry
-from nebosvod.yamlfile import parse_yaml, shown
+from nebosvod.yamlfile import parse_yaml, read_text, shown
 
 KEYS = {"from": "since", "to": "until"}
 
@@ -52,7 +52,7 @@ def chosen_dates(mission: FitMission, since: str | None, until: str | None) -> M
 def _place(mission: FitMission) -> str:
     """`dw.yaml:7:9: fit.from, fit.to` of a settings file, or the options that were given instead."""
     name = shown(str(mission.path)) if mission.path is not None else ""
-    file = parse_yaml(mission.text, name) if name else None
+    file = parse_yaml(read_text(mission.path), name) if mission.path is not None else None
     said, mark = [], ""
     for key, field in KEYS.items():
         value = getattr(mission.fit, field)

@@ -163,7 +163,7 @@ def _prior_mean(mission: FitMission, resolved: FitMission, forces: ForceModel, s
 
 def _carried(mission: FitMission, epoch: Epoch, forces: ForceModel) -> Array:
     """The given orbit at an epoch."""
-    here = mission.model_copy(update={"reference_epoch": epoch})
+    here = mission.standing_for(reference_epoch=epoch)
     return reference_state(here, forces)
 
 

@@ -160,7 +160,7 @@ def _reference_state(
     reference: Reference, mission: FitMission, orbit: OrbitAt, forces: ForceModel
 ) -> tuple[Array, Array | None]:
     """State (6,) of the reference at the epoch of an orbit, and the factor (6, 6) of its covariance, if it has one."""
-    shaped = mission.model_copy(update={"object": mission.object.model_copy(update={"orbit": reference.orbit})})
+    shaped = mission.standing_for(object=mission.object.model_copy(update={"orbit": reference.orbit}))
     gm = orbit.gm_sun_km3_s2
     start = orbit_state(shaped, gm)
     own = _own_forces(reference, forces)

@@ -38,8 +38,8 @@ def mission_of(files: Sequence[str], designations: Sequence[str] = ()) -> FitMis
     if not files:
         raise InputError("no observations: name their files, or one settings file (.yaml) with a fit block")
     stem = Path(files[0]).name.partition(".")[0]
-    plan = FitPlan(observations=tuple(str(file) for file in files))
-    plan = plan.model_copy(update={"designation": tuple(designations)})
+    chosen = {"designation": tuple(designations)} if designations else {}
+    plan = FitPlan(observations=tuple(str(file) for file in files)).model_copy(update=chosen)
     return FitMission(schema_version=1, name=designations[0] if designations else stem, fit=plan)
 
 

@@ -78,4 +78,4 @@ MATRIX_SCHEMA: dict[str, Any] = {
     "description": "A square matrix, row by row",
     "items": {"type": "array", "items": {"anyOf": [{"type": "number"}, {"type": "string"}]}},
 }
-Matrix = Annotated[Array, Parsed(read_matrix, MATRIX_SCHEMA)]
+Matrix = Annotated[Array, Parsed(read_matrix, MATRIX_SCHEMA, lambda matrix: matrix.tolist())]

@@ -61,11 +61,17 @@ class Block(BaseModel):
 
 
 class Parsed:
-    """Annotation: the value is read by a function of the plain tree's value; `schema` is what editors see."""
+    """Annotation: the value is read by a function of the plain tree's value; `schema` is what editors see.
 
-    def __init__(self, read: Callable[[Any], Any], schema: dict[str, Any]) -> None:
+    `write` is the way back, where the value in memory is not what the file says.
+    """
+
+    def __init__(
+        self, read: Callable[[Any], Any], schema: dict[str, Any], write: Callable[[Any], Any] | None = None
+    ) -> None:
         self.read = read
         self.schema = schema
+        self.write = write
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         """Validate by `read` alone."""
@@ -97,7 +103,8 @@ def measured(
         "description": about[0].upper() + about[1:],
         "examples": [dimension.example],
     }
-    return Parsed(read, schema)
+    unit = next(name for name, factor in dimension.factors.items() if factor == 1.0)
+    return Parsed(read, schema, lambda number: f"{float(number)!r} {unit}")
 
 
 def _positive(dimension: Dimension) -> Parsed:
@@ -138,6 +145,15 @@ def _epoch(value: Any) -> Epoch:
     return Epoch.parse(value)
 
 
+def epoch_text(epoch: Epoch) -> str:
+    """An epoch as a file would say it, exactly."""
+    for digits in (0, 3, 6, 9):
+        text = epoch.iso("tdb", digits)
+        if Epoch.parse(text) == epoch:
+            return text
+    return f"{epoch.day - 2400000.5:.0f}{f'{epoch.fraction:.20f}'.removeprefix('0')} MJD TDB"
+
+
 When = Annotated[
     Epoch,
     Parsed(
@@ -148,6 +164,7 @@ When = Annotated[
             "description": "An epoch with its time scale: a calendar date or a Julian date",
             "examples": ["2028-11-15T00:00:00 TDB", "2028-11-15 UTC", "2459215.5 JD TDB"],
         },
+        epoch_text,
     ),
 ]
 
@@ -182,6 +199,7 @@ ObservationTime = Annotated[
             "description": "A date, UTC unless another scale is said; a date alone is its 0h",
             "examples": ["2024-07-01", "2024-07-01T12:00:00", "2460492.5 JD TDB"],
         },
+        epoch_text,
     ),
 ]
 

@@ -241,13 +241,9 @@ class FitMission(Mission):
         """The same for one object seen by these telescopes, with an orbit found: its heliocentric ICRF state (6,)."""
         orbit = _state_orbit(epoch, state)
         name = designation if "name" not in self.object.model_fields_set else self.object.name
-        made = self.model_copy(
-            update={
-                "object": self.object.model_copy(update={"orbit": orbit, "name": name}),
-                "reference_epoch": epoch,
-            }
-        )
-        made._path, made._text, made._stations = self._path, self._text, stations
+        found = self.object.model_copy(update={"orbit": orbit, "name": name})
+        made = self.standing_for(object=found, reference_epoch=epoch)
+        made._stations = stations
         return made
 
     @property

@@ -5,16 +5,19 @@ a mass kg, A1..A3 au/d^2.
 """
 
 import hashlib
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import Discriminator, Field, PrivateAttr, Tag
+from pydantic import Discriminator, Field, PrivateAttr, Tag, ValidationError
 
+from nebosvod.errors import InputError
 from nebosvod.mission.covariance import NONGRAV_SCALE, Array
+from nebosvod.mission.editing import as_text, as_tree, edited
 from nebosvod.mission.fields import Block, Several, Text, Treatment, When, slug
+from nebosvod.mission.inherit import resolve_like
 from nebosvod.mission.orbit import Representation, SbdbOrbit
 from nebosvod.mission.request import (
     Arc,
@@ -31,6 +34,7 @@ from nebosvod.mission.sources import Shared, Source, sources
 from nebosvod.mission.target import Parameter, Target
 from nebosvod.mission.telescope import MAX_TELESCOPES, Telescope
 from nebosvod.timescale import Epoch
+from nebosvod.yamlfile import parse_yaml, shown
 
 SCHEMA_VERSION = 1
 PriorChoice = Annotated[
@@ -86,6 +90,8 @@ class Mission(Block):
 
     _path: Path | None = PrivateAttr(default=None)
     _text: str = PrivateAttr(default="")
+    _as_read: dict[str, Any] = PrivateAttr(default_factory=dict)  # the fields that `_text` says
+    _read_again: Callable[[str, str, Path | None], Self] | None = PrivateAttr(default=None)
 
     @property
     def path(self) -> Path | None:
@@ -115,13 +121,60 @@ class Mission(Block):
 
     @property
     def text(self) -> str:
-        """The text it came from."""
-        return self._text
+        """The text it came from; of a mission made or changed in Python the text of a file that would say the same."""
+        same = self._as_read and all(self.__dict__[key] is value for key, value in self._as_read.items())
+        return self._text if same else as_text(as_tree(self))
 
     @property
     def sha256(self) -> str:
         """Of the text."""
-        return hashlib.sha256(self._text.encode("utf-8")).hexdigest()
+        return hashlib.sha256(self.text.encode("utf-8")).hexdigest()
+
+    def with_(self, path: str | Sequence[str | int] | Mapping[str, Any], value: Any = None) -> Self:
+        """The mission with another value at one place, or at several, checked as a file is.
+
+        Parameters
+        ----------
+        path : keys as in the file joined by points, or a sequence of keys; in a list an index, the name of an element,
+            or `*` for all: `telescopes.*.noise.sigma`, `predictions.encounter.near`. Or a mapping of several paths to
+            their values, which are changed together and checked once.
+        value : as the file would say it ("0.05 arcsec", 20, a block as a dict), an astropy Quantity or Time, a datetime
+            with a zone; None leaves the key out.
+
+        Raises
+        ------
+        InputError
+            If the path leads nowhere, or the mission would be refused as a file; the message names the path.
+        """
+        tree, _, _ = resolve_like(parse_yaml(self.text, self.name))
+        if isinstance(tree, dict) and isinstance(tree.get("telescopes"), list):
+            rows = tree["telescopes"]
+            tree = {**tree, "telescopes": [{k: v for k, v in row.items() if k != "like"} for row in rows]}  # type: ignore[union-attr]
+        for one, new in path.items() if isinstance(path, Mapping) else [(path, value)]:
+            tree = edited(tree, one, new)
+        return self._again(as_text(tree))
+
+    def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
+        """A copy; with changed fields it is checked as a file is, and its text says what it holds."""
+        made = super().model_copy(update=update, deep=deep)
+        return made._again(made.text) if update else made
+
+    def standing_for(self, **fields: Any) -> Self:
+        """A copy with other fields that keeps the text of this one: for values the program finds, not the user."""
+        made = super().model_copy(update=fields)
+        made._text, made._as_read = self.text, dict(made.__dict__)
+        return made
+
+    def _again(self, text: str) -> Self:
+        """The mission that a text says, beside the same files."""
+        if self._read_again is None:
+            try:
+                made = type(self).model_validate(parse_yaml(text, self.name).tree)
+            except ValidationError as error:
+                raise InputError(f"{shown(self.name)}: {error}") from None
+            made._path = self._path
+            return made
+        return self._read_again(text, f"{self._path or shown(self.name)}, edited", self._path)
 
     @property
     def slug(self) -> str:

@@ -163,7 +163,9 @@ def _julian(value: Any) -> Epoch:
 
 _LOOSE_NUMBER = {"anyOf": [{"type": "number"}, {"type": "string"}]}
 PrintedNumber = Annotated[float, Parsed(_number, _LOOSE_NUMBER)]
-PrintedJulian = Annotated[Epoch, Parsed(_julian, _LOOSE_NUMBER | {"description": "Julian date TDB"})]
+PrintedJulian = Annotated[
+    Epoch, Parsed(_julian, _LOOSE_NUMBER | {"description": "Julian date TDB"}, lambda epoch: epoch.jd_tdb)
+]
 
 
 class Printed(BaseModel):

@@ -92,8 +92,14 @@ def _load(file: YamlFile, path: Path | None) -> Mission:
     problems += [explainer.problem(*item) for item in (*rules.complaints(mission), *cost.complaints(mission))]
     if problems:
         raise _refusal(file, problems)
-    mission._path, mission._text = path, file.text
+    mission._path, mission._text, mission._as_read = path, file.text, dict(mission.__dict__)
+    mission._read_again = _read_again
     return mission
+
+
+def _read_again(text: str, name: str, path: Path | None) -> Mission:
+    """A mission edited in Python, beside the files of the one it was."""
+    return _load(parse_yaml(text, name), path)
 
 
 def _refuse_newer(file: YamlFile, tree: dict[str, Tree]) -> None:

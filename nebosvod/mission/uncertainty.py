@@ -36,7 +36,8 @@ def _matrix_or_orbit(value: Any) -> Array | Literal["orbit"]:
 
 
 OrbitCovariance = Annotated[
-    Array | Literal["orbit"], Parsed(_matrix_or_orbit, {"anyOf": [{"const": "orbit"}, MATRIX_SCHEMA]})
+    Array | Literal["orbit"],
+    Parsed(_matrix_or_orbit, {"anyOf": [{"const": "orbit"}, MATRIX_SCHEMA]}, lambda matrix: matrix.tolist()),
 ]
 
 
