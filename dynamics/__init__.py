@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from nebosvod.dynamics.clones import Clones, propagate_many
     from nebosvod.dynamics.encounter import Encounter, TargetPlane, find_encounters, perigee_distance, target_plane
     from nebosvod.dynamics.ephemeris import Ephemeris
+    from nebosvod.dynamics.fates import Fates
     from nebosvod.dynamics.model import ForceModel
     from nebosvod.dynamics.nongrav import Nongrav
     from nebosvod.dynamics.propagator import propagate
@@ -21,6 +22,7 @@ __all__ = [
     "Clones",
     "Encounter",
     "Ephemeris",
+    "Fates",
     "ForceModel",
     "Nongrav",
     "RadiationPressure",
@@ -37,6 +39,7 @@ _HOME = {
     "Clones": "clones",
     "Encounter": "encounter",
     "Ephemeris": "ephemeris",
+    "Fates": "fates",
     "ForceModel": "model",
     "Nongrav": "nongrav",
     "RadiationPressure": "radiation",

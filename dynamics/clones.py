@@ -2,8 +2,9 @@
 
 The middle of the cloud, the mean of its states, is integrated with its own step control; every clone takes the same
 steps, reads the bodies at their nodes from a table, starts its iteration from the accelerations of the middle, and
-checks its own last Legendre coefficient in every step. A clone that fails the check, or comes near a surface, is
-propagated alone.
+checks its own last Legendre coefficient in every step. The middle flies through a body it hits, as through a point. A
+clone that fails the check, or comes near a surface, is propagated alone, from shortly before the first deep encounter
+of the middle where it flew well until then.
 """
 
 import os
@@ -11,23 +12,30 @@ from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from nebosvod.dynamics import integrator
 from nebosvod.dynamics.collision import IMPACT_TIDE
+from nebosvod.dynamics.constants import DAY_S, RADIUS_KM
 from nebosvod.dynamics.dense import StepTable, step_of, step_weights
+from nebosvod.dynamics.fates import Fates, arrival_of, passage, passages, window_of
 from nebosvod.dynamics.model import ForceModel
 from nebosvod.dynamics.propagator import TOLERANCE, propagate
-from nebosvod.dynamics.workspace import Samples
-from nebosvod.errors import EventError, InputError, listed
+from nebosvod.dynamics.surface import SURFACE_KM
+from nebosvod.dynamics.trajectory import Trajectory
+from nebosvod.dynamics.workspace import Samples, Steps
+from nebosvod.errors import EventError, ImpactError, InputError, listed
 from nebosvod.quantities import bordered
 from nebosvod.timescale import Epoch
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
 NO_COLUMNS: Integers = np.empty(0, dtype=np.int64)
+DEEP_TIDE = 1e-10  # s^-2: GM/r^3 at 25 radii of the Earth
+SUBSTITUTES = 5  # orbits that are tried as the middle
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -41,6 +49,7 @@ class Clones:
     state : shape (k, n, 6), heliocentric ICRF position and velocity of each clone, km, km/s; nan where it was lost.
     alone : shape (k,), which clones needed steps of their own.
     lost : why a clone has no states, by its number: it ran into a body.
+    fates : what becomes of each: the impact, or the encounter asked about.
     """
 
     epoch: Epoch
@@ -48,6 +57,7 @@ class Clones:
     state: Array
     alone: npt.NDArray[np.bool_]
     lost: Mapping[int, str]
+    fates: Fates
 
 
 @bordered()
@@ -60,6 +70,7 @@ def propagate_many(
     *,
     tolerance: float = TOLERANCE,
     threads: int | None = None,
+    body: str | None = None,
 ) -> Clones:
     """Integrate a cloud of near orbits.
 
@@ -71,6 +82,8 @@ def propagate_many(
     parameters : shape (k, m), values of `forces.parameters` for each clone; None: all as in `forces`. They may leave
         the physical range, as Gaussian draws do (`RadiationPressure.moved`).
     tolerance : as in `propagate`.
+    body : a planet or "moon": tell of each clone its approach to it, about the deepest one of the middle. Impacts are
+        told of without it.
     threads : how many at a time, 1 or more; None: one for each processor. The result does not depend on it.
 
     Raises
@@ -79,8 +92,8 @@ def propagate_many(
         If shapes are wrong or numbers not finite, naming the clone; if the force does not exist with the parameters of
         a clone or with their mean; if `threads` is below 1; if a time is outside the ephemeris.
     EventError
-        If the middle of the cloud, the mean of its states with the mean of its parameters, runs into a body. (A clone
-        that does so is `lost`.)
+        If neither the middle of the cloud, the mean of its states with the mean of its parameters, nor one of its first
+        clones can be integrated with bodies as points. (A clone that runs into a body is `lost`.)
 
     Notes
     -----
@@ -90,48 +103,158 @@ def propagate_many(
     if threads is not None and (not isinstance(threads, int | np.integer) or threads < 1):
         raise InputError(f"threads: needs a positive number (got {threads})")
     starts, values = _checked(states_km_km_s, forces, parameters)
-    strengths = _strengths(forces, epoch, values, len(starts))
+    if body is not None and body not in SURFACE_KM:
+        raise InputError(f'body "{body}" is unknown (allowed: {", ".join(RADIUS_KM)})')
     middle = forces if values is None else _with(forces, values.mean(axis=0), "the mean of the clones")
-    nominal = propagate(starts.mean(axis=0), epoch, t_s, middle, False, tolerance=tolerance, margin_s=0.0)
-    middle = nominal.forces  # without the asteroid that these clones may be
-    order = _order(nominal._table, nominal.t_s)
-    sun = forces.ephemeris.state_km_km_s("sun", epoch, np.append(nominal.t_s, 0.0))
-    state = np.full((len(starts), len(nominal.t_s), 6), np.nan)
-    good = np.zeros(len(starts), dtype=np.bool_)
-    physics = middle.physics(epoch)
-    guides = nominal._table.guides(physics)
-
-    def fly(part: slice) -> None:
-        window, tide = nominal._table.window, np.zeros(part.stop - part.start)
-        good[part] = True
-        for leg, end_s in enumerate(nominal.span_s):
-            chosen = np.flatnonzero(order.leg == leg)
-            chosen = chosen[np.argsort(order.step[chosen], kind="stable")]
-            if chosen.size:
-                samples = Samples(chosen, order.step, order.weights, sun, state[part], tide)
-                integrator.integrate(
-                    8, starts[part] + sun[-1], strengths[part], end_s, window.coefficients, window.layout,
-                    window.timing, physics, NO_COLUMNS, False, float(tolerance), *guides[leg], samples,
-                )  # fmt: skip
-                good[part] &= tide <= IMPACT_TIDE
-
-    count = threads or os.cpu_count() or 1
-    edges = np.linspace(0, len(starts), min(len(starts), 4 * count) + 1).astype(int)
-    parts = [slice(a, b) for a, b in pairwise(edges.tolist())]
-    if count == 1:
-        fly(slice(0, len(starts)))
-    else:
-        with ThreadPoolExecutor(count) as pool:
-            list(pool.map(fly, parts))
-    lost = {}
-    for k in np.flatnonzero(~good):
+    nominal = _middle(starts, epoch, t_s, middle, tolerance)
+    window = window_of(nominal, body)
+    cloud = _Cloud(
+        starts=starts, strengths=_strengths(forces, epoch, values, len(starts)), nominal=nominal,
+        sun=forces.ephemeris.sun_at(epoch), tolerance=float(tolerance),
+    )  # fmt: skip
+    seen, tide = cloud.fly(
+        np.arange(len(starts)), np.concatenate([nominal.t_s, window]), threads or os.cpu_count() or 1
+    )
+    n, good = len(nominal.t_s), tide <= IMPACT_TIDE
+    fates, untold = Fates.unknown(len(starts)), np.zeros(len(starts), dtype=np.bool_)
+    if body is not None:
+        untold = np.ones(len(starts), dtype=np.bool_)
+        if window.size:
+            untold = passages(seen[:, n:], window, body, forces.ephemeris, epoch, fates)
+    alone, lost = ~good | untold, {}
+    state = seen[:, :n].copy()
+    restart = cloud.restart(np.flatnonzero(alone))
+    about = float(window.mean()) if window.size else 0.0
+    for k in np.flatnonzero(alone):
         own = forces if values is None else _with(forces, values[k], f"clone {k}")
         try:
-            state[k] = propagate(starts[k], epoch, t_s, own, False, tolerance=tolerance, margin_s=0.0).state
+            state[k] = _fly_alone(int(k), restart[int(k)], nominal, own, tolerance, body, about, fates)
         except EventError as error:
             state[k] = np.nan
             lost[int(k)] = str(error)
-    return Clones(epoch=epoch, t_s=nominal.t_s, state=state, alone=~good, lost=lost)
+    return Clones(epoch=epoch, t_s=nominal.t_s, state=state, alone=alone, lost=lost, fates=fates)
+
+
+def _middle(starts: Array, epoch: Epoch, t_s: npt.ArrayLike, forces: ForceModel, tolerance: float) -> Trajectory:
+    """The orbit whose steps all clones take: the mean, or, where that ends at a singularity, one of the clones."""
+    for start in (starts.mean(axis=0), *starts[: SUBSTITUTES - 1]):
+        try:
+            return propagate(start, epoch, t_s, forces, False, tolerance=tolerance, margin_s=0.0, solid=False)
+        except EventError as found:
+            error = found
+    raise error
+
+
+class _Start(NamedTuple):
+    """From where a clone flies alone: its state (6,), when, and its states at the times before (early, 6)."""
+
+    state: Array
+    t_s: float
+    early: Array
+
+
+def _fly_alone(
+    k: int, start: _Start, nominal: Trajectory, forces: ForceModel, tolerance: float, body: str | None, about_s: float,
+    fates: Fates,
+) -> Array:  # fmt: skip
+    """States (n, 6) of clone k on steps of its own, and its fate.
+
+    Raises
+    ------
+    EventError
+        If it hits a body; its fate is written all the same.
+    """
+    late = (nominal.t_s > start.t_s) | (start.t_s == 0.0)
+    epoch, times = nominal.epoch + start.t_s, nominal.t_s[late] - start.t_s
+    try:
+        orbit = propagate(start.state, epoch, times, forces, False, tolerance=tolerance, margin_s=0.0)
+    except ImpactError as hit:
+        end = [hit.t_s]
+        way = propagate(start.state, epoch, end, forces, False, tolerance=tolerance, margin_s=0.0, solid=False)
+        arrival_of(k, way, hit.body, hit.t_s, start.t_s, fates)
+        raise
+    passage(k, orbit, body, about_s, start.t_s, fates)
+    state = start.early.copy()
+    state[late] = orbit.state
+    return state
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Cloud:
+    """Starts (k, 6), strengths (k, 4) and the middle of a cloud; the Sun's barycentric state (6,) at the epoch."""
+
+    starts: Array
+    strengths: Array
+    nominal: Trajectory
+    sun: Array
+    tolerance: float
+
+    def fly(self, which: Integers, t_s: Array, threads: int, steps: int | None = None) -> tuple[Array, Array]:
+        """States (len(which), n, 6) at times and the largest tide (len(which),) of some clones on the shared steps.
+
+        Parameters
+        ----------
+        steps : fly so many forward steps only, and none backward; all by default.
+        """
+        nominal, epoch = self.nominal, self.nominal.epoch
+        table, physics = nominal._table, nominal.forces.physics(epoch)
+        order, window = _order(table, t_s), table.window
+        sun = nominal.forces.ephemeris.state_km_km_s("sun", epoch, t_s)
+        state, tide = np.full((len(which), len(t_s), 6), np.nan), np.zeros(len(which))
+        guides, ends = table.guides(physics), nominal.span_s
+        if steps is not None:
+            guide, nodes = guides[1]
+            short = Steps(*(field[:steps] for field in guide))
+            guides, ends = (guides[0], (short, nodes[:steps])), (0.0, float(guide.start[steps]))
+
+        def part(some: slice) -> None:
+            for leg, end_s in enumerate(ends):
+                chosen = np.flatnonzero(order.leg == leg)
+                chosen = chosen[np.argsort(order.step[chosen], kind="stable")]
+                if chosen.size:
+                    own = np.zeros(some.stop - some.start)
+                    samples = Samples(chosen, order.step, order.weights, sun, state[some], own)
+                    integrator.integrate(
+                        8, self.starts[which[some]] + self.sun, self.strengths[which[some]], end_s,
+                        window.coefficients, window.layout, window.timing, physics, NO_COLUMNS, False, self.tolerance,
+                        *guides[leg], samples,
+                    )  # fmt: skip
+                    tide[some] = np.maximum(tide[some], own)
+
+        edges = np.linspace(0, len(which), min(len(which), 4 * threads) + 1).astype(int)
+        parts = [slice(a, b) for a, b in pairwise(edges.tolist())]
+        if threads == 1 or len(which) == 1:
+            part(slice(0, len(which)))
+        else:
+            with ThreadPoolExecutor(threads) as pool:
+                list(pool.map(part, parts))
+        return state, tide
+
+    def restart(self, which: Integers) -> dict[int, _Start]:
+        """From where each of some clones flies alone: the epoch, or a day before the middle's first deep encounter."""
+        none = np.full((len(self.nominal.t_s), 6), np.nan)
+        found = {int(k): _Start(self.starts[k], 0.0, none) for k in which}
+        steps = self._steps_before_encounter()
+        if not which.size or steps == 0:
+            return found
+        edge = float(self.nominal._table.legs[1].start[steps])  # type: ignore[union-attr]
+        split = edge - 1.0
+        times = np.where(self.nominal.t_s <= split, self.nominal.t_s, 0.0)
+        state, tide = self.fly(which, np.append(times, split), 1, steps)
+        for row, k in enumerate(which):
+            if tide[row] <= IMPACT_TIDE:
+                found[int(k)] = _Start(state[row, -1], split, state[row, :-1])
+        return found
+
+    def _steps_before_encounter(self) -> int:
+        """How many forward steps end a day before the first in a strong tide; 0 if none is, or times lie before 0."""
+        forward = self.nominal._table.legs[1]
+        if forward is None or self.nominal.t_s.min() < 0.0:
+            return 0
+        deep = np.flatnonzero(forward.tide > DEEP_TIDE)
+        if not deep.size:
+            return 0
+        return max(int(np.searchsorted(forward.start, forward.start[deep[0]] - DAY_S, side="right")) - 1, 0)
 
 
 @dataclass(frozen=True, slots=True)

@@ -133,18 +133,15 @@ def _entry(
 ) -> Quantity:
     """Point of entry at an altitude: downrange and crossrange over the ground, km.
 
-    Where a poorly known orbit passes the body by although the reference orbit of a simulation enters, that is asked.
+    Where a poorly known orbit passes the body by although the reference orbit of a simulation enters, the place is that
+    of the reference orbit; what is said of the encounter, and its probability, stay those of the estimated orbit.
     """
     altitude = request.altitude or 0.0
     evaluated_on, entry = "estimated orbit", entry_point(trajectory, event, altitude)
     if entry is None and about is None and scene.trajectory is not trajectory:
-        other, hits = _chosen(scene, scene.trajectory, request, None)
+        other, _ = _chosen(scene, scene.trajectory, request, None)
         entry = entry_point(scene.trajectory, other, altitude)
-        if entry is not None:
-            evaluated_on, trajectory = "reference orbit", scene.trajectory
-            facts = _facts(other, hits, request)
-            plane, _ = _b_plane(trajectory, other, hits)
-            common = common | {"disc": None if plane is None else _disc(plane)}
+        evaluated_on, trajectory = "reference orbit", scene.trajectory
     if entry is None:
         above = float(height_km(request.body, event.state[None, :3], event.epoch, np.zeros(1))[0])
         raise NoAnswerError(

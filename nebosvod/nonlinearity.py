@@ -23,7 +23,7 @@ from nebosvod.errors import EventError, ImpactError, InputError, NoAnswerError
 from nebosvod.estimation import Estimate, ellipse
 from nebosvod.estimation.consistency import binomial_interval
 from nebosvod.fitting import Fit
-from nebosvod.impact import what_it_hits
+from nebosvod.impact import impact
 from nebosvod.predictions import ARCSEC, M_PER_KM, SIGMAS, Quantity, known_partials, quantity
 from nebosvod.prior import STATE_NAMES
 from nebosvod.scene import Scene
@@ -115,25 +115,33 @@ def moved_events(
     scene: Scene, fit: Fit, asked: Sequence[Quantity], deviation: Mapping[str, float]
 ) -> list[tuple[Array | None, bool | None]]:
     """The same, and whether that orbit hits the body of the encounter; None where there is no such orbit."""
-    flown: dict[bool, Trajectory | str | None] = {}
+    flown: dict[bool, Trajectory | str | None] = {False: _fly(scene, fit.point.moved(deviation))}
     found: list[tuple[Array | None, bool | None]] = []
     for one in asked:
         # the base of an entry that only the reference orbit has is that orbit
         about_reference = one.facts.get("evaluated_on") == "reference orbit"
         if about_reference not in flown:
-            point = _reference(scene) if about_reference else fit.point
-            flown[about_reference] = _fly(scene, point.moved(deviation))
-        trajectory, body = flown[about_reference], one.facts.get("body")
-        if not isinstance(trajectory, Trajectory):
-            found.append((None, None if trajectory is None else trajectory == body))
-            continue
-        hit = what_it_hits(trajectory) if body is not None else None
-        try:
-            moved = displaced(one, quantity(scene, trajectory, one.request, one.epoch))
-        except (NoAnswerError, InputError):  # no encounter of this kind on that orbit
-            moved = None
-        found.append((moved, hit is not None and hit.body == body))
+            flown[about_reference] = _fly(scene, _reference(scene).moved(deviation))
+        body = one.facts.get("body")
+        found.append((_moved(scene, one, flown[about_reference]), _hits(flown[False], body) if body else None))
     return found
+
+
+def _moved(scene: Scene, one: Quantity, orbit: Trajectory | str | None) -> Array | None:
+    """Displacement (d,) of a quantity on another orbit; None where it has no value there."""
+    if not isinstance(orbit, Trajectory):
+        return None
+    try:
+        return displaced(one, quantity(scene, orbit, one.request, one.epoch))
+    except (NoAnswerError, InputError):  # no encounter of this kind on that orbit
+        return None
+
+
+def _hits(orbit: Trajectory | str | None, body: str) -> bool | None:
+    """Whether an orbit hits a body; None where it cannot be flown."""
+    if not isinstance(orbit, Trajectory):
+        return None if orbit is None else orbit == body
+    return impact(orbit, body) is not None
 
 
 def uncertain(fit: Fit) -> tuple[str, ...]:

@@ -5,10 +5,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from nebosvod.dynamics import ForceModel, propagate, propagate_many
+from nebosvod.dynamics import ForceModel, find_encounters, propagate, propagate_many
 from nebosvod.dynamics.constants import DAY_S
 from nebosvod.dynamics.twobody import kepler
-from nebosvod.errors import InputError
+from nebosvod.errors import ImpactError, InputError
 from nebosvod.timescale import Epoch
 
 Array = np.ndarray
@@ -101,6 +101,73 @@ def test_a_clone_below_the_surface_is_lost_though_the_middle_misses(full_forces:
     for k in (1, 2, 3):
         one = propagate(starts[k], epoch, [-14400.0, 14400.0], full_forces, False, margin_s=0.0).state
         assert np.abs(many.state[k] - one)[:, :3].max() < 1e-6
+
+
+@pytest.mark.parametrize("lead_s", [7200.0, 20000.0])
+@pytest.mark.parametrize("middle_km", [1.0, 3000.0, 40000.0])
+def test_each_clone_has_the_fate_of_its_hyperbola_though_the_middle_hits(
+    full_forces: ForceModel, middle_km: float, lead_s: float
+) -> None:
+    """Pericentre, its time, and the time at the ground, in closed form; J2, Moon, Sun move them by km and s."""
+    epoch, gm = Epoch.parse("2030-05-01T00:00:00 TDB"), full_forces.ephemeris.gm_km3_s2["earth"]
+    lowest = middle_km + np.array([0.0, 0.0, 500.0, 5000.0, 9000.0, 21000.0])
+    starts = passing(full_forces, epoch, lowest.tolist(), lead_s)
+    many = propagate_many(starts, epoch, [lead_s + 5.0 * DAY_S], full_forces, body="earth")
+    loose = (lead_s / 7200.0) ** 2  # of the pull of Moon and Sun
+    for k, q in enumerate(lowest):
+        assert many.fates.body[k] == "earth"
+        assert many.fates.distance_km[k] == pytest.approx(np.linalg.norm(many.fates.position_km[k]), rel=1e-12)
+        if q > 6378.137 + 20.0 * loose:
+            assert not many.fates.impact[k]
+            assert many.fates.distance_km[k] == pytest.approx(q, abs=20.0 * loose)
+            assert many.fates.t_s[k] == pytest.approx(lead_s, abs=5.0 * loose)
+            assert np.isfinite(many.state[k]).all()
+        elif q < 6350.0 - 20.0 * loose:
+            assert many.fates.impact[k]
+            assert 6356.7 < many.fates.distance_km[k] < 6378.2
+            assert k in many.lost
+            a, e = gm / 25.0, 1.0 + q * 25.0 / gm
+            F = np.arccosh((6367.0 / a + 1.0) / e)
+            before = (e * np.sinh(F) - F) * np.sqrt(a**3 / gm)
+            assert many.fates.t_s[k] == pytest.approx(lead_s - before, abs=5.0 * loose)
+
+
+def test_without_a_body_impacts_alone_are_told(full_forces: ForceModel) -> None:
+    epoch = Epoch.parse("2030-05-01T00:00:00 TDB")
+    starts = passing(full_forces, epoch, [3000.0, 60000.0], 7200.0)
+    fates = propagate_many(starts, epoch, [14400.0], full_forces).fates
+    assert fates.body.tolist() == ["earth", ""]
+    assert fates.impact.tolist() == [True, False]
+    assert np.isnan(fates.t_s[1])
+
+
+def test_fates_after_years_are_those_of_orbits_flown_alone(full_forces: ForceModel) -> None:
+    """A cloud 60,000 km wide about an impact three years ahead: time to 0.1 s, distance to 0.5 km, states to 1 m."""
+    epoch = Epoch.parse("2027-05-01T00:00:00 TDB")
+    when = Epoch.parse("2030-05-01T00:00:00 TDB") - epoch
+    hit = passing(full_forces, epoch + when, [3000.0], 7200.0)[0]
+    start = propagate(hit, epoch + when, [-when], full_forces, False).state[0]
+    starts = start + np.random.default_rng(3).normal(size=(60, 6)) * np.array([500.0] * 3 + [2e-5] * 3)
+    end = when + 25.0 * DAY_S
+    many = propagate_many(starts, epoch, [0.0, DAY_S, end], full_forces, body="earth")
+    assert 5 < many.fates.impact.sum() < 55
+    for k in range(12):
+        if many.fates.impact[k]:
+            with pytest.raises(ImpactError) as caught:
+                propagate(starts[k], epoch, [end], full_forces, False)
+            assert many.fates.t_s[k] == pytest.approx(caught.value.t_s, abs=0.1)
+            continue
+        one = propagate(starts[k], epoch, [0.0, DAY_S, end], full_forces, False)
+        event = min(find_encounters(one, "earth", 1e7), key=lambda event: event.distance_km)
+        assert many.fates.t_s[k] == pytest.approx(event.t_s, abs=0.1)
+        assert many.fates.distance_km[k] == pytest.approx(event.distance_km, abs=0.5)
+        assert np.linalg.norm(many.fates.position_km[k] - event.state[:3]) < 5.0
+        assert np.abs(many.state[k] - one.state)[:, :3].max() < 1e-3 * max(1.0, 1e5 / event.distance_km)
+
+
+def test_a_body_without_a_surface_is_refused(full_forces: ForceModel, neo: Neo) -> None:
+    with pytest.raises(InputError, match='body "vulcan" is unknown'):
+        propagate_many([neo[1]], neo[0], [DAY_S], full_forces, body="vulcan")
 
 
 def test_a_clone_that_flies_alone_keeps_its_parameters_and_the_tolerance(full_forces: ForceModel, neo: Neo) -> None:

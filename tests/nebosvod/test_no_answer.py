@@ -45,6 +45,7 @@ SECOND = "  - {name: T2, like: T1, orbit: {phase: 180 deg}}"
 NEAR = "near: 2031-06-10T12:00:00 UTC"
 FALL = f"  - {{name: where it falls, plane: entry, altitude: 100 km, {NEAR}}}\n"
 CENTRE = f"  - {{name: centre distance, plane: perigee_distance, {NEAR}}}\n"
+TARGET = f"  - {{name: target, plane: b_plane, {NEAR}}}\n"
 WITHOUT = {
     f"{{name: a, plane: mtp, {NEAR}}}": ("no_closest_approach", "has no closest approach for mtp"),
     "{name: b, plane: b_plane, near: 2031-06-14T12:00:00 UTC}": ("no_encounter", "the nearest: 2031-06-10T1"),
@@ -154,14 +155,21 @@ def test_an_ellipse_larger_than_the_earth_is_no_answer_on_it(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """One telescope does not tell the distance: 84728 x 297 km on the ground was printed as an answer."""
-    path = written(tmp_path, IMPACTOR.replace("SECOND\n", "") + FALL)
+    path = written(tmp_path, IMPACTOR.replace("SECOND\n", "") + FALL + TARGET)
     assert main(["run", str(path), "-o", str(tmp_path / "run")]) == 1
     text = capsys.readouterr().out
     assert "larger than earth" in text
-    assert "probability of impact 0.044" in text
-    (row,) = summary_of(tmp_path / "run")["predictions"]
+    assert "probability of impact 0.0294 (linear)" in text
+    row, target = summary_of(tmp_path / "run")["predictions"]
     assert row["status"] == "too_uncertain"
-    assert row["impact_probability_linear"] == pytest.approx(0.044, abs=1e-3)
+    # on the b-plane the error is a line: its density at the Earth, times the chord of the disc
+    along, across = target["semi_axes_km"]
+    angle, (xi, zeta) = np.radians(target["angle_deg"]), target["mean_km"]
+    far, beside = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]]) @ [xi, zeta]
+    chord = 2.0 * np.sqrt(target["capture_radius_km"] ** 2 - beside**2)
+    expected = chord * np.exp(-0.5 * (far / along) ** 2) / (np.sqrt(2.0 * np.pi) * along)
+    assert across < 0.05 * target["capture_radius_km"]
+    assert row["impact_probability_linear"] == pytest.approx(expected, rel=0.02)
 
 
 def test_a_run_of_nothing_but_unanswered_predictions_gives_the_orbit(tmp_path: Path) -> None:

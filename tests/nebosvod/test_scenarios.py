@@ -141,8 +141,8 @@ def test_a_mission_after_a_published_concept_runs_and_its_estimators_agree(publi
 
 # km, semi-axes at 1 sigma of the first estimator: what docs/missions.md quotes
 QUOTED = {
-    "neomir-like": ("entry point", (87.4, 9.91)),
-    "soda-like": ("entry point", (6.64, 1.58)),
+    "neomir-like": ("entry point", (89.7, 9.93)),
+    "soda-like": ("entry point", (6.82, 1.58)),
     "surveyor-venus": ("encounter", (45.5, 22.0)),
 }
 
@@ -155,9 +155,10 @@ def test_the_accuracies_that_the_documentation_quotes_are_those_of_a_run(publish
     assert all(f"{size:.3g} km" in page or f"{size:g}" in page for size in quoted)
 
 
-def test_one_spacecraft_at_l1_alone_is_far_worse_than_two() -> None:
+def test_one_spacecraft_at_l1_alone_does_not_tell_where() -> None:
     text = load_mission("soda-like").text.replace("  - {start:", "  - {telescopes: [SODA-1], start:")
     second = text[text.index("  - name: SODA-2") : text.index("schedule:")]
     alone = run(load_mission_text(text.replace(second, "\n")))
     row = next(row for row in alone.summary["predictions"] if row["name"] == "entry point")
-    assert row["semi_axes_km"][0] > 3.0 * QUOTED["soda-like"][1][0]
+    assert row["status"] == "too_uncertain"
+    assert "would be 8875 x 2.999 km" in row["reason"]
