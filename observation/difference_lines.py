@@ -7,6 +7,7 @@ import numpy.typing as npt
 
 from nebosvod.errors import InputError
 from nebosvod.observation.contracts import Array
+from nebosvod.observation.tabulated import check_sizes
 
 LARGEST_TABLE = 25  # rows of one difference table (NAIF, spk21.inc)
 
@@ -50,6 +51,7 @@ class DifferenceLines:
             raise InputError(f"difference lines: shapes {self.records.shape}, {self.end_of_record_s.shape} do not fit")
         if not (np.all(np.isfinite(self.records)) and np.all(np.isfinite(self.end_of_record_s))):
             raise InputError("difference lines: a number is not finite")
+        check_sizes(self.end_of_record_s, self.records, (self.start_s, self.end_s))
         if not np.all(np.diff(self.end_of_record_s) > 0.0):
             raise InputError("difference lines: times must ascend strictly")
         highest, orders = self.records[:, -4], self.records[:, -3:]

@@ -1,8 +1,10 @@
 """Spacecraft from SPK files: types 2 and 3 through jplephem, 1, 8, 9, 12, 13 and 21 by readers of our own."""
 
+import struct
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 from jplephem.daf import DAF
@@ -18,6 +20,9 @@ from nebosvod.timescale import Epoch
 J2000 = Epoch.from_jd(2451545.0)
 FRAME_J2000 = 1
 OF_JPLEPHEM = {2, 3}
+RECORD_BYTES, SPK_SIZES, MOST_SUMMARIES = 1024, (2, 6), 25  # of the DAF layout (NAIF, DAF Required Reading)
+# what jplephem raises on files whose numbers were damaged: it trusts what their first record says of sizes
+BROKEN = (ValueError, IndexError, TypeError, OverflowError, MemoryError, struct.error)
 CENTRES = {
     0: BARYCENTRE,
     3: "emb",
@@ -91,10 +96,37 @@ def read_spk(path: str | Path, target: int | None = None) -> ChebyshevOrbit | Ta
     path = Path(path)
     try:
         with path.open("rb") as stream:
+            _check_layout(stream)
             daf = DAF(stream)
             return _read(path, daf, target)
-    except (OSError, ValueError, IndexError) as error:
+    except InputError as error:  # numbers that no orbit has
+        raise DataError(f"{path}: {error}") from None
+    except (*BROKEN, OSError) as error:
         raise DataError(f"{path}: cannot be read as an SPK file ({error})") from None
+
+
+def _check_layout(stream: BinaryIO) -> None:
+    """Refuse a first record whose sizes are not those of an SPK file, and summaries that lead in a circle.
+
+    jplephem believes both: a damaged byte would take gigabytes, or never end.
+    """
+    head = stream.read(RECORD_BYTES)
+    order = ">" if head[88:96] == b"BIG-IEEE" or (head[:8] == b"NAIF/DAF" and head[8:12] == b"\0\0\0\2") else "<"
+    sizes = struct.unpack(f"{order}2i", head[8:16])
+    if sizes != SPK_SIZES:
+        raise ValueError(f"its summaries have {sizes[0]} and {sizes[1]} numbers, those of an SPK file {SPK_SIZES}")
+    (number,) = struct.unpack(f"{order}i", head[76:80])
+    seen = set()
+    while number:
+        if number in seen or number < 2:
+            raise ValueError("its summaries lead in a circle")
+        seen.add(number)
+        stream.seek((number - 1) * RECORD_BYTES)
+        following, _, count = struct.unpack(f"{order}3d", stream.read(24))
+        if not 0.0 <= count <= MOST_SUMMARIES:
+            raise ValueError(f"a record of it has {count:g} summaries")
+        number = int(following)
+    stream.seek(0)
 
 
 def _read(path: Path, daf: DAF, target: int | None) -> ChebyshevOrbit | TabulatedOrbit:

@@ -14,6 +14,8 @@ from nebosvod.timescale import Epoch
 
 Method = Literal["hermite", "lagrange"]
 BARYCENTRE = "barycentre"
+LATEST_S = 3e11  # ten thousand years
+LARGEST = 1e13  # km, a light year; no speed in km/s is so large either
 
 
 class TablePiece(Protocol):
@@ -59,6 +61,7 @@ class Segment:
             raise InputError(f"table: needs at least two states (k, 6) (got {shapes})")
         if not (np.all(np.isfinite(self.t_s)) and np.all(np.isfinite(self.states))):
             raise InputError("table: a time or a state is not finite")
+        check_sizes(self.t_s, self.states, (self.start_s, self.end_s))
         if not np.all(np.diff(self.t_s) > 0.0):
             raise InputError("table: times must ascend strictly")
         if self.window < 2:
@@ -137,6 +140,14 @@ class TabulatedOrbit:
             )
             raise CoverageError(f"{self.source}: no state at {lost.iso(digits=0)} (covers {spans})")
         return which
+
+
+def check_sizes(t_s: Array, numbers: Array, span_s: tuple[float, float]) -> None:
+    """Refuse times and numbers that no spacecraft has, such as those of a damaged file."""
+    if not all(abs(t) < LATEST_S for t in (float(np.abs(t_s).max(initial=0.0)), *span_s)):
+        raise InputError("table: a time is more than ten thousand years away")
+    if not np.abs(numbers).max(initial=0.0) < LARGEST:
+        raise InputError(f"table: a number is larger than {LARGEST:g} km or km/s")
 
 
 @bordered(states=STATE)

@@ -254,6 +254,25 @@ class TestSpk:
             with pytest.raises(DataError, match=r"wrong\.bsp: target -999001: "):
                 read_spk(path)
 
+    @pytest.mark.parametrize("kind", [1, 21, 8, 12])
+    def test_damaged_files_are_read_or_refused_and_never_break(self, tmp_path, ephemeris, kind):
+        """Forty mutants of each: bytes changed, above all in the summaries, and cut files."""
+        made = difference_file if kind in (1, 21) else equal_step_file
+        whole = made(tmp_path / "whole.bsp", kind).read_bytes()
+        rng, refused = np.random.default_rng(kind), 0
+        for _ in range(40):
+            raw = bytearray(whole)
+            for place in rng.choice([rng.integers(1024), 1024 + rng.integers(70), rng.integers(len(raw))], 3):
+                raw[place] = rng.integers(256)
+            path = tmp_path / "mutant.bsp"
+            path.write_bytes(raw[: len(raw) if rng.random() < 0.8 else rng.integers(len(raw))])
+            try:
+                orbit = read_spk(path)
+                orbit.state_km_km_s(ephemeris, orbit.epoch, np.array([7.0e8 + 1234.5]))
+            except (DataError, CoverageError):
+                refused += 1
+        assert refused > 5
+
     def test_an_unsupported_type_is_named(self, jwst, tmp_path):
         with pytest.raises(DataError, match=r"SPK type \[10\]; types 1, 2, 3, 8, 9, 12, 13 and 21"):
             read_spk(self.retyped(jwst, tmp_path, 10))
