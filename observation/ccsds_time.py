@@ -1,4 +1,4 @@
-"""Times as CCSDS messages write them: ASCII time codes A and B (CCSDS 301.0-B, section 3.5)."""
+"""Times as CCSDS messages write them: ASCII time codes A and B (CCSDS 301.0-B)."""
 
 import re
 from datetime import date, timedelta
@@ -28,7 +28,7 @@ def read_time(text: str, system: str) -> Epoch:
 
     References
     ----------
-    CCSDS 301.0-B-4, Time Code Formats, 3.5.1; CCSDS 502.0-B, Orbit Data Messages, section 7.5.10.
+    CCSDS 301.0-B, Time Code Formats; CCSDS 502.0-B, Orbit Data Messages.
     """
     match = _CODE.fullmatch(text)
     if match is None or (match[6] is not None and match[5].count(":") < 2):

@@ -4,9 +4,8 @@ One line an observation in fixed columns, a second one for observers without a f
 records. The sigmas are taken as weights that are not touched again, and the biases stand in for a table of them;
 OrbFit's residuals and what it selected are not used.
 
-References
-----------
-OrbFit 5 documentation, section "observation files"; columns as in the files of the AstDyS and NEODyS services.
+The columns are those found in files that OrbFit 5 wrote for (410777) and (1862); neither holds a roving observer, whose
+second line is taken to be like that of a spacecraft, with longitude, latitude and altitude.
 """
 
 import re

@@ -20,8 +20,8 @@ from nebosvod.mission.spacecraft import Ground, TelescopeOrbit
 from nebosvod.mission.uncertainty import Bias, Pair, Position, Timing, one_or_pair
 
 MAX_TELESCOPES = 100
-NAUTICAL_TWILIGHT = -12.0 / 57.29577951308232  # rad, altitude of the Sun at its end: faint asteroids show
-LEAST_ALTITUDE = 20.0 / 57.29577951308232  # rad: three air masses, the usual limit of surveys
+NAUTICAL_TWILIGHT = -12.0 / 57.29577951308232  # rad, altitude of the Sun at its end
+LEAST_ALTITUDE = 20.0 / 57.29577951308232  # rad, 2.9 air masses
 
 
 class Noise(Block):

@@ -29,7 +29,7 @@ PACKED = {
     "     A10Rq2c": Designation(own="A10Rq2c"),
     "  2005 TM173": Designation(provisional="2005 TM173"),
     "3666        ": Designation(number="3666"),
-    # https://www.minorplanetcenter.net/iau/info/OpticalObs.html, "Comet numbers and fragments", and PackedDes.html
+    # comets, their fragments, interstellar objects, surveys and the extended forms, by the same rules
     "0073P      b": Designation(number="73P-B"),
     "0073P     bt": Designation(number="73P-BT"),
     "0332PK10V01a": Designation(number="332P-A", provisional="P/2010 V1-A"),

@@ -7,7 +7,7 @@ from nebosvod.observation.astrometry_files import parse_astrometry, read_astrome
 from nebosvod.observation.records import Astrometry, joined
 from nebosvod.observation.source_file import SourceFile
 
-# the same three observations by Goodricke-Pigott and one of a spacecraft, in both formats of the Minor Planet Center
+# made-up: the same three observations of a station and one of a spacecraft, in both formats of the Minor Planet Center
 OBS80 = """\
      K22R01Z  C2022 07 26.00000123 42 46.013+17 52 55.07               V     683
      K22R01Z  C2022 07 26.01000023 42 56.675+17 53 04.08               V     683
