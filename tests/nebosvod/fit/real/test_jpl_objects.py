@@ -154,7 +154,7 @@ def test_orbits_over_decades(
     assert biased.sigma_km > 1.8 * plain.sigma_km
 
 
-@pytest.mark.long
+@pytest.mark.usefixtures("long_ephemeris")
 def test_phaethon_of_nine_thousand(data: Path, fitted: Callable[..., OrbitFit]) -> None:
     """Every record read and placed, few rejected."""
     found = fitted(data / "observations" / "phaethon_mpc_full.obs80.gz")
@@ -167,7 +167,7 @@ def test_phaethon_of_nine_thousand(data: Path, fitted: Callable[..., OrbitFit]) 
 A2_ESTIMATED = {"nongrav": {"A2": {"value": "0 au/d^2", "treatment": "estimated"}}}
 
 
-@pytest.mark.long
+@pytest.mark.usefixtures("long_ephemeris")
 def test_a2_of_phaethon(data: Path, fitted: Callable[..., OrbitFit], phaethon_of_jpl: Any) -> None:
     """-4.3 +- 1.5 from 9004 directions to 2026, JPL -4.9 +- 1.4 from 4757 to 2018 (1e-15 au/d^2)."""
     found = fitted(data / "observations" / "phaethon_mpc_full.obs80.gz", object=A2_ESTIMATED)
@@ -177,7 +177,7 @@ def test_a2_of_phaethon(data: Path, fitted: Callable[..., OrbitFit], phaethon_of
     assert sigma == pytest.approx(1.5e-15, rel=0.2)
 
 
-@pytest.mark.long
+@pytest.mark.usefixtures("long_ephemeris")
 def test_phaethon_by_gaia_and_by_the_rest(
     data: Path, fitted: Callable[..., OrbitFit], state_at: Any, phaethon_of_jpl: Any
 ) -> None:
