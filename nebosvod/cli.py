@@ -2,7 +2,8 @@
 
 No numerics here, and heavy modules load only in the commands that need them.
 
-Exit codes: 0 done; 1 finished, but a quality gate failed (no convergence, not observable, nothing visible);
+Exit codes: 0 done; 1 finished, but a quality gate failed (no convergence, not observable, nothing visible, a
+prediction without an answer);
 2 wrong input; 3 environment (missing data, disk, permission, folder in use); 4 internal error (a crash
 file is written); 130 interrupted.
 """

@@ -51,9 +51,9 @@ class Result:
 
     @property
     def failed(self) -> bool:
-        """True if any estimator did not converge or could not observe the state, or a prediction has no answer."""
+        """True if any estimator did not converge or could not observe the state, or something asked has no answer."""
         return any(row["status"] in FAILED_STATUSES for row in self.summary["estimators"]) or bool(
-            without_answer(self.summary["predictions"])
+            without_answer([*self.summary["predictions"], *self.summary.get("further", ())])
         )
 
     def summary_text(self) -> str:

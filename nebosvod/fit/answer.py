@@ -16,6 +16,8 @@ from nebosvod.errors import EventError
 from nebosvod.fit.engine import OrbitFit
 from nebosvod.fit.orbit import OrbitAt, compared, orbit_at
 from nebosvod.fit.stage import long_span, long_trajectory
+from nebosvod.impact import what_it_hits
+from nebosvod.mission import FitMission
 from nebosvod.nonlinearity import nonlinearity
 from nebosvod.predictions import Quantity, foretell, in_order, prediction_row, unanswered_row, unknown_orbit
 from nebosvod.prior import STATE_NAMES
@@ -36,6 +38,7 @@ class Answer:
     trajectory : the fitted orbit over all that is asked for; None where the fit has no covariance.
     orbit : state and elements at the epoch of the answer; further : at the other epochs asked for.
     budget, predictions, reference : rows for the summary.
+    ended : rows for the epochs asked for at which the orbit has ended, status and reason.
     """
 
     fit: OrbitFit
@@ -46,6 +49,7 @@ class Answer:
     budget: Rows
     predictions: Rows
     quantities: tuple[Quantity, ...]
+    ended: Rows
     reference: Mapping[str, Any] | None
 
 
@@ -55,13 +59,13 @@ def answer(found: OrbitFit) -> Answer:
     Raises
     ------
     EventError, CoverageError
-        If the orbit hits a body, or the ephemeris ends, before an epoch asked for.
+        If the orbit hits a body, or the ephemeris ends, before the last observation.
     """
     fit, mission = found.general.fit, found.mission
-    estimate, epoch = fit.estimate, mission.reference_epoch
+    estimate = fit.estimate
     nothing = Answer(
         fit=found, trajectory=None, orbit=None, amid=None, further=(), budget=(), predictions=_none_of(found),
-        quantities=(), reference=None,
+        quantities=(), ended=(), reference=None,
     )  # fmt: skip
     if estimate.solution is None:
         return nothing
@@ -78,18 +82,35 @@ def answer(found: OrbitFit) -> Answer:
     worlds = Worlds(now=estimate, then={})
     amid = orbit_at(estimate, trajectory, 0.0)
     asked, rows = _predicted(scene, found, trajectory, worlds)
+    (first, *later), ended = _reached(mission, trajectory)
     reference = mission.fit.reference
     return Answer(
         fit=found,
         trajectory=trajectory,
-        orbit=amid if mission.fit.epoch is None else orbit_at(estimate, trajectory, mission.fit.epoch - epoch),
+        orbit=orbit_at(estimate, trajectory, first) if first is not None else amid,
         amid=amid,
-        further=tuple(orbit_at(estimate, trajectory, when - epoch) for when in mission.fit.epochs),
+        further=tuple(orbit_at(estimate, trajectory, t) for t in later if t is not None),
+        ended=ended,
         budget=state_rows(scene, fit, worlds),
         predictions=rows,
         quantities=asked,
         reference=None if reference is None else compared(reference, mission, estimate, amid, forces),
     )
+
+
+def _reached(mission: FitMission, trajectory: Trajectory) -> tuple[list[float | None], list[dict[str, Any]]]:
+    """Times, s, of the epoch of the answer and of the others, None where the orbit has ended or none is named; why."""
+    epoch, hit = mission.reference_epoch, what_it_hits(trajectory)
+    times: list[float | None] = []
+    rows = []
+    for when in (mission.fit.epoch, *mission.fit.epochs):
+        if when is None or hit is None or when < hit.epoch:
+            times.append(None if when is None else when - epoch)
+            continue
+        times.append(None)
+        reason = f"the orbit hits {hit.body} on {hit.epoch.iso(when.scale, 0)} and ends there"
+        rows.append({"epoch_tdb": when.iso(), "status": "after_impact", "reason": reason})
+    return times, rows
 
 
 def _predicted(

@@ -139,8 +139,8 @@ def long_span(
     """First and last time the answer needs the orbit, inside the ephemeris, and the last that must be reached."""
     epoch = mission.reference_epoch
     needed = [*span_s, 0.0]
-    needed += [when - epoch for when in (*mission.fit.epochs, *([mission.fit.epoch] if mission.fit.epoch else []))]
-    times = needed + times_of(mission.predictions, epoch)
+    asked = [when - epoch for when in (*mission.fit.epochs, *([mission.fit.epoch] if mission.fit.epoch else []))]
+    times = needed + asked + times_of(mission.predictions, epoch)
     whole = min(times) - MARGIN_S, max(times) + (MARGIN_S if max(times) > max(span_s) else 0.0)
     return covered(whole, (min(*span_s, 0.0), max(needed)), forces, epoch), max(needed)
 

@@ -37,7 +37,7 @@ def summarise(found: Answer) -> dict[str, Any]:
         "telescopes": list(fit.material.names),
         "fit": fit_block(found),
         "orbit": None if found.orbit is None else orbit_block(found.orbit),
-        "further": [orbit_block(one) for one in found.further],
+        "further": [*(orbit_block(one) for one in found.further), *found.ended],
         "estimators": [row],
         "budget": list(found.budget),
         "impacts": impact_rows(found.predictions),
@@ -138,4 +138,5 @@ def _warnings(found: Answer) -> list[str]:
         if row["nonlinearity"]["reason"]
     ]
     fit = found.fit.general.fit
-    return [*said, *bent, *unknown, *fit.estimate.notes, *mean_error_notes(fit)]
+    ended = [f"no orbit at {row['epoch_tdb']}: {row['reason']}" for row in found.ended]
+    return [*said, *ended, *bent, *unknown, *fit.estimate.notes, *mean_error_notes(fit)]

@@ -9,7 +9,7 @@ from markupsafe import Markup
 from nebosvod.report import wording
 from nebosvod.report.chart import Chart, Panel
 from nebosvod.report.download import Download, csv
-from nebosvod.report.facts import leading, unit_of
+from nebosvod.report.facts import leading, unit_of, when
 from nebosvod.report.folder import Array, Item, RunFolder, slug
 from nebosvod.report.plate import BLUE, INK, VERMILION, Plate
 from nebosvod.report.scale import linear
@@ -162,7 +162,7 @@ def _caption(p: Item, K: Array, formal: Array | None, unit: str, slender: bool) 
     text = Markup("<b>{}</b>: {}, {}. Semi-axes {} (1σ, holding 39.3{}%) and {} (3σ, 98.9{}%)").format(
         p["name"],
         wording.plane_name(p["plane"], p.get("body")),
-        wording.moment(p["epoch_tdb"]),
+        wording.moment(when(p)),
         product(axes, unit),
         NBSP,
         product([3 * a for a in axes], unit, like=max(axes)),

@@ -4,6 +4,7 @@ import math
 
 from markupsafe import Markup
 
+from nebosvod.outlook import moment_words
 from nebosvod.report import wording
 from nebosvod.report.folder import Item, RunFolder
 from nebosvod.report.wording import percent, product, quantity
@@ -20,6 +21,11 @@ PRIOR_ORBITS = ("prior orbit", "prior orbit and parameters")  # the sources that
 def unit_of(prediction: Item) -> str:
     """The unit a prediction is given in: "km", "arcsec", "m_s"."""
     return next((key.removeprefix("semi_axes_") for key in prediction if key.startswith("semi_axes_")), "km")
+
+
+def when(prediction: Item) -> str:
+    """The epoch of a prediction, as text in the scale a reader is told it in."""
+    return moment_words(prediction["epoch_tdb"], prediction.get("time_scale", "tdb"))
 
 
 def formal_ratio(main: Item) -> float | None:

@@ -10,7 +10,7 @@ from markupsafe import Markup
 
 from nebosvod.ownership import MARK
 from nebosvod.report import wording
-from nebosvod.report.facts import formal_ratio, impact_clause, leading, unit_of
+from nebosvod.report.facts import formal_ratio, impact_clause, leading, unit_of, when
 from nebosvod.report.folder import Item, RunFolder
 from nebosvod.report.wording import DASH, finite, percent, product, quantity, series
 
@@ -73,7 +73,7 @@ def prediction_table(run: RunFolder, estimator: Item) -> Table | None:
         if far and any(mean):
             shown = Markup("{}<br>with a mean of {}").format(shown, series(mean, unit))
         what = Markup("<b>{}</b><br>{}<br>{}").format(
-            p["name"], wording.plane_name(p["plane"], p.get("body")), wording.moment(p["epoch_tdb"])
+            p["name"], wording.plane_name(p["plane"], p.get("body")), wording.moment(when(p))
         )
         rows.append((
             what, ", ".join(wording.axis_names(p["plane"], len(axes))), series(sigma, unit) if sigma else DASH,
@@ -120,7 +120,10 @@ FACTS = {
     "impact": ("nominal orbit hits", ""),
     "evaluated_on": ("evaluated on the", ""), "altitude_km": ("altitude", "km"),
     "path_below_horizon_deg": ("path below the horizon", "deg"), "longitude_deg": ("longitude", "deg"),
-    "latitude_geocentric_deg": ("geocentric latitude", "deg"),
+    "sigma_longitude_deg": ("1σ", "deg"), "latitude_deg": ("geodetic latitude", "deg"),
+    "sigma_latitude_deg": ("1σ", "deg"), "latitude_geocentric_deg": ("geocentric latitude", "deg"),
+    "impact_longitude_deg": ("longitude on the ground", "deg"),
+    "impact_latitude_deg": ("geodetic latitude on the ground", "deg"), "sigma_time_s": ("1σ of the time", "s"),
 }  # fmt: skip
 
 

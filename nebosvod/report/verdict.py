@@ -20,6 +20,7 @@ from nebosvod.report.facts import (
     size,
     total_sigma,
     unit_of,
+    when,
 )
 from nebosvod.report.folder import Item, RunFolder
 from nebosvod.report.wording import count, join, percent, product, quantity, series
@@ -92,7 +93,7 @@ def _headline(run: RunFolder, main: Item) -> Markup:
     if predictions:
         first = predictions[0]
         where = wording.plane_name(first["plane"], first.get("body"))
-        what = Markup("{} on {}: {} at 1σ").format(_capital(where), wording.date(first["epoch_tdb"]), size(first))
+        what = Markup("{} on {}: {} at 1σ").format(_capital(where), wording.date(when(first)), size(first))
         shares = [(row["source"], row["share_total"]) for row in first.get("budget") or []]
     else:
         what = Markup("Position known to {} at 1σ").format(quantity(main["sigma_position_km"], "km"))
@@ -149,7 +150,7 @@ def _predictions(run: RunFolder, main: Item) -> list[Markup]:
         axes = p[f"semi_axes_{unit}"]
         what = ["", "", "semi-axes of the ellipse ", "semi-axes of the ellipsoid "][min(len(axes), 3)]
         text = Markup("<b>{}</b> ({}, {}): {}{} at 1σ, {} at 3σ ({}{}%).").format(
-            _capital(p["name"]), wording.plane_name(p["plane"], p.get("body")), wording.moment(p["epoch_tdb"]), what,
+            _capital(p["name"]), wording.plane_name(p["plane"], p.get("body")), wording.moment(when(p)), what,
             size(p), product([3.0 * a for a in axes], unit, like=max(axes)),
             HELD_AT_3_SIGMA.get(len(axes), ""), wording.NBSP,
         )  # fmt: skip

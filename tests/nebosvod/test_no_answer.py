@@ -220,10 +220,15 @@ def test_the_ellipse_of_an_observed_impactor_is_believed(
     if not records.is_file():
         pytest.skip(f"reference data not found at {records}")
     shutil.copy(records, tmp_path / name)
-    text = f"schema_version: 1\nname: fallen\nfit:\n  observations: [{name}]\npredictions:\n"
+    text = f"schema_version: 1\nname: fallen\nfit:\n  observations: [{name}]\nEPOCHSpredictions:\n"
     text += f"  - {{name: fall, plane: entry, altitude: 50 km, near: {near} UTC}}\n"
     text += f"  - {{name: target, plane: b_plane, near: {near} UTC}}\n"
-    assert main(["fit", str(written(tmp_path, text)), "-o", str(tmp_path / "fit")]) == 0
+    late = text.replace("EPOCHS", f"  epochs: [{near[:10]} TDB, 2030-01-01 TDB]\n")
+    assert main(["fit", str(written(tmp_path, late)), "-o", str(tmp_path / "late")]) == 1
+    there, ended = summary_of(tmp_path / "late")["further"]
+    assert there["sigma_position_km"] > 0.0
+    assert ended["status"] == "after_impact"
+    assert main(["fit", str(written(tmp_path, text.replace("EPOCHS", ""))), "-o", str(tmp_path / "fit")]) == 0
     for row in summary_of(tmp_path / "fit")["predictions"]:
         assert row["nonlinearity"]["misleads"] is False
         assert row["impact_probability_linear"] == pytest.approx(1.0, abs=1e-6)
