@@ -4,13 +4,11 @@ The chunk is the unit of work and of safety: its runs, its size and its arithmet
 so an interrupted campaign continues to the same bytes, with any number of workers.
 """
 
-import io
 import json
 import math
 import os
 import re
-import zipfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -22,6 +20,7 @@ import numpy.typing as npt
 
 from nebosvod import __version__
 from nebosvod.assembly import View, computed_psi, nominal_point, view
+from nebosvod.chunk import CHUNKS, KEPT, chunk_path, read_chunk, write_chunk
 from nebosvod.errors import EventError, InputError, OutputError, listed
 from nebosvod.estimation import Block, Markov, White
 from nebosvod.estimation.repeated import Innovations
@@ -33,15 +32,13 @@ from nebosvod.observation import residual
 from nebosvod.ownership import MARK, files_in, is_regular, marked, sha256_of
 from nebosvod.prior import PriorTable, prior_table
 from nebosvod.recognise import is_validation, read_json
-from nebosvod.result import npz_bytes
 from nebosvod.scene import Scene, build_scene
 from nebosvod.truth import Truth, draw
 from nebosvod.wholefile import FRESH, reason, refuse_link, require_place, write_whole
 
 Array = npt.NDArray[np.float64]
-RECORD, RESULT, CHUNKS = "campaign.json", "validation.json", "chunks"
+RECORD, RESULT = "campaign.json", "validation.json"
 OURS = re.compile(r"campaign\.json|validation\.(json|html)|chunks/\d{6,}\.npz")
-KEPT = "; finished chunks are kept"
 CHUNK_RUNS = {"linear": 50, "full": 10}
 CHUNK_NUMBERS = 4_000_000  # residuals held at a time
 NIS_ROWS = 20_000  # a pass over more measurements than these costs minutes and gigabytes: no NIS then
@@ -75,9 +72,12 @@ class Campaign:
 
     def same_runs(self, other: Mapping[str, Any]) -> bool:
         """Whether a stored campaign has the same runs; the mission may have moved to another path."""
-        mine = json.loads(json.dumps(asdict(self)))
-        theirs = {key: value for key, value in other.items() if key not in (MARK, "outputs_sha256")}
-        return {**mine, "mission": ""} == {**theirs, "mission": ""}
+        return self.fixed() == _fixed(other)
+
+    def fixed(self) -> dict[str, Any]:
+        """What fixes the runs, as JSON keeps it."""
+        found: dict[str, Any] = json.loads(json.dumps(_fixed(asdict(self))))
+        return found
 
 
 class CampaignFolder:
@@ -114,7 +114,21 @@ class CampaignFolder:
 
     def missing(self, runs: int) -> list[int]:
         """Numbers of the chunks of `runs` runs that are not on disk whole."""
-        return [i for i in range(self.chunks(runs)) if read_chunk(self.folder, i, self.campaign.chunk_runs) is None]
+        fixed = self.campaign.fixed()
+        return [i for i in range(self.chunks(runs)) if read_chunk(self.folder, i, fixed) is None]
+
+    def changed(self, missing: Iterable[int]) -> list[str]:
+        """A sentence for each file that is there, and not as this campaign wrote it."""
+        said = [
+            f"{path}: is damaged, was changed, or belongs to another campaign: its runs are computed again"
+            for path in (chunk_path(self.folder, number) for number in missing)
+            if os.path.lexists(path)
+        ]
+        result = self.folder / RESULT
+        written = hashes_listed(read_json(self.folder / RECORD)).get(RESULT)
+        if written is not None and result.exists() and sha256_of(result) != written:
+            said.append(f"{result}: changed since the program wrote it (another sha256); it is made again")
+        return said
 
     def refuse_smaller(self, runs: int) -> None:
         """Keep the result of more runs of this campaign from being replaced by that of fewer.
@@ -138,7 +152,8 @@ class CampaignFolder:
 
     def collected(self, runs: int) -> dict[str, npt.NDArray[Any]]:
         """The arrays of the first `runs` runs, joined along the first axis."""
-        parts = [read_chunk(self.folder, i, self.campaign.chunk_runs) for i in range(self.chunks(runs))]
+        fixed = self.campaign.fixed()
+        parts = [read_chunk(self.folder, i, fixed) for i in range(self.chunks(runs))]
         whole = [part for part in parts if part is not None]
         return {name: np.concatenate([part[name] for part in whole])[:runs] for name in whole[0]}
 
@@ -150,23 +165,25 @@ class CampaignFolder:
 
     def _record(self) -> None:
         """Write campaign.json: what fixes the runs, and the list of the files that are there."""
-        files = {name: sha256_of(path) for name, path in files_in(self.folder) if OURS.fullmatch(name)}
+        files = {name: sha256_of(path) for name, path in files_in(self.folder) if _ours(name)}
         record = marked({**asdict(self.campaign), "outputs_sha256": files})
         write_whole(self.folder / RECORD, (json.dumps(record, indent=1) + "\n").encode("utf-8"), KEPT)
 
     def _open(self) -> None:
+        record: dict[str, Any] = {}
         if self.folder.exists() and any(self.folder.iterdir()):
             record = read_json(self.folder / RECORD)
             if not _is_campaign(record):
                 raise OutputError(f"{self.folder}: exists and is not a validation folder; choose another with -o")
             self._refuse_strangers()
             if not self.campaign.same_runs(record):
-                self._begin_anew(hashes_listed(record))
+                self._begin_anew(record)
         (self.folder / CHUNKS).mkdir(parents=True, exist_ok=True)
         for left in (self.folder / CHUNKS).iterdir():
             if FRESH.fullmatch(left.name) and is_regular(left):
                 left.unlink()
-        self._record()
+        if not self.campaign.same_runs(record):
+            self._record()
 
     def _refuse_strangers(self) -> None:
         """Nothing with the name of a file of ours may be a link, a folder or a device."""
@@ -177,15 +194,15 @@ class CampaignFolder:
             if OURS.fullmatch(name):
                 require_place(path)
 
-    def _begin_anew(self, hashes: Mapping[str, str]) -> None:
+    def _begin_anew(self, record: Mapping[str, Any]) -> None:
         """Remove another campaign, if it is to be replaced: whole chunks and what is listed, nothing else."""
         if not self._overwrite:
             raise OutputError(
                 f"{self.folder}: holds runs of another mission, seed, mode or program version; "
                 "use --overwrite to begin anew, or -o for another folder"
             )
-        ours = [name for name, _ in files_in(self.folder) if OURS.fullmatch(name) and name != RECORD]
-        said = [name for name in ours if not self._wrote(name, hashes)]
+        ours = [name for name, _ in files_in(self.folder) if _ours(name)]
+        said = [name for name in ours if not self._wrote(name, record)]
         if said:
             raise OutputError(
                 f"{self.folder}: {listed(said)}: not as this program wrote it; nothing was changed; move it away, or "
@@ -194,14 +211,24 @@ class CampaignFolder:
         for name in ours:
             (self.folder / name).unlink()
 
-    def _wrote(self, name: str, hashes: Mapping[str, str]) -> bool:
+    def _wrote(self, name: str, record: Mapping[str, Any]) -> bool:
         """Whether a file is one of this program: by its hash, or where it is not listed (yet), by what is in it."""
-        path = self.folder / name
+        path, hashes = self.folder / name, hashes_listed(record)
         if name in hashes:
             return sha256_of(path) == hashes[name]
         if path.suffix == ".npz":
-            return read_chunk(self.folder, int(path.stem), None) is not None
+            return read_chunk(self.folder, int(path.stem), _fixed(record)) is not None
         return is_validation(path)
+
+
+def _ours(name: str) -> bool:
+    """Whether a campaign writes files of this name, beside its record."""
+    return OURS.fullmatch(name) is not None and name != RECORD
+
+
+def _fixed(record: Mapping[str, Any]) -> dict[str, Any]:
+    """What fixes the runs of a stored campaign; the mission may have moved to another path."""
+    return {name: record.get(name) for name in Campaign.__slots__ if name != "mission"}
 
 
 def _is_campaign(record: Mapping[str, Any]) -> bool:
@@ -213,23 +240,6 @@ def hashes_listed(record: Mapping[str, Any]) -> dict[str, str]:
     """The list of campaign.json; empty where a campaign has not come to its end."""
     found = record.get("outputs_sha256")
     return {str(name): str(value) for name, value in found.items()} if isinstance(found, dict) else {}
-
-
-def chunk_path(folder: Path, number: int) -> Path:
-    """Where a chunk lies."""
-    return folder / CHUNKS / f"{number:06d}.npz"
-
-
-def read_chunk(folder: Path, number: int, runs: int | None) -> dict[str, npt.NDArray[Any]] | None:
-    """The arrays of a chunk; None where it is absent, cut or damaged, to be computed again."""
-    try:
-        data = chunk_path(folder, number).read_bytes()
-        with np.load(io.BytesIO(data), allow_pickle=False) as stored:
-            arrays = {name: stored[name] for name in stored.files}
-    except (OSError, ValueError, zipfile.BadZipFile, EOFError, KeyError):
-        return None
-    whole = bool(arrays) and all(runs is None or len(array) == runs for array in arrays.values())
-    return arrays if whole else None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -286,7 +296,7 @@ def open_campaign(argument: Mapping[str, Any]) -> Callable[[int], None]:
     def work(number: int) -> None:
         first = number * campaign.chunk_runs
         chunk = compute_chunk(setting, passes, campaign, range(first, first + campaign.chunk_runs))
-        write_whole(chunk_path(folder, number), npz_bytes(chunk), KEPT)
+        write_chunk(folder, number, campaign.fixed(), chunk)
 
     return work
 

@@ -172,6 +172,7 @@ def validate(
             full=full,
             overwrite=overwrite,
             progress=progress,
+            say=lambda sentence: click.echo(f"notice: {sentence}", err=True),
         )
     page = write_validation_report(folder, found)
     if as_json:
@@ -262,18 +263,24 @@ def compare(folders: tuple[Path, ...], page: Path | None, as_json: bool) -> int:
     from nebosvod.compare import compare as compare_runs
     from nebosvod.compare_answer import print_comparison
     from nebosvod.result import json_text
+    from nebosvod.stored import changed_said, held_together
     from nebosvod.wholefile import require_places, write_new_text
 
     require_places(page)
     found = compare_runs(folders)
+    for sentence in (sentence for folder in folders for sentence in changed_said(folder)):
+        click.echo(f"notice: {sentence}", err=True)
     if page is not None:
         from nebosvod.report.comparison_page import make_comparison_page
 
-        write_new_text(page, make_comparison_page(found))
+        with held_together("compare"):
+            text = make_comparison_page(found)
+        write_new_text(page, text)
     if as_json:
         click.echo(json_text(found), nl=False)
     else:
-        print_comparison(found)
+        with held_together("compare"):
+            print_comparison(found)
     return 0
 
 
@@ -284,7 +291,8 @@ def report(folder: Path, pdf: bool) -> int:
     """(Re)make report.html of the run in FOLDER, from the files of the run alone."""
     from nebosvod.result import rewrite_report
 
-    click.echo(f"report: {rewrite_report(folder, pdf=pdf)}")
+    made = rewrite_report(folder, pdf=pdf, say=lambda sentence: click.echo(f"notice: {sentence}", err=True))
+    click.echo(f"report: {made}")
     if pdf:
         click.echo(f"pdf: {folder / 'report.pdf'}")
     return 0

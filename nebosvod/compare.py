@@ -16,11 +16,12 @@ import numpy as np
 from nebosvod.errors import InputError
 from nebosvod.outlook import answered, without_answer
 from nebosvod.report.facts import kind_of
+from nebosvod.report.folder import require_sound_summary
 from nebosvod.result import require_run_folder
+from nebosvod.stored import held_together, read_object
 
 SAME_DISTANCE = 0.01  # relative
 SCHEMA_VERSION = 1
-KNOWN_SUMMARY = 1
 MOST_FOLDERS = 20
 SMALLEST_SHARE = 0.0005  # what would be shown as 0
 Found = dict[str, Any] | None
@@ -55,35 +56,22 @@ def read_runs(folders: Sequence[Path]) -> list[Run]:
     runs = []
     for folder, name in zip(folders, names):
         require_run_folder(folder)
-        summary, manifest = (_read(folder / file) for file in ("summary.json", "manifest.json"))
-        version = summary.get("schema_version")
-        if version != KNOWN_SUMMARY:
-            raise InputError(f"{folder}: summary.json has schema_version {version}; this program reads {KNOWN_SUMMARY}")
+        summary, manifest = (read_object(folder / file) for file in ("summary.json", "manifest.json"))
+        require_sound_summary(folder)
         label = name if names.count(name) == 1 else str(folder)
-        program = str(manifest.get("versions", {}).get("nebosvod", "unknown"))
+        versions = manifest.get("versions")
+        program = str(versions.get("nebosvod", "unknown")) if isinstance(versions, dict) else "unknown"
         runs.append(Run(label=label, path=str(folder), summary=summary, version=program))
     if len({run.label for run in runs}) < len(runs):
         raise InputError("compare: one folder is named twice")
     return runs
 
 
-def _read(path: Path) -> dict[str, Any]:
-    try:
-        found = json.loads(path.read_text("utf-8"))
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read ({error}); make the run again") from None
-    if not isinstance(found, dict):
-        raise InputError(f"{path}: is not a JSON object; make the run again")
-    return found
-
-
 def compare(folders: Sequence[Path]) -> dict[str, Any]:
     """Compare run folders; returns what `nebosvod compare --json` prints."""
     runs = read_runs(folders)
-    try:
+    with held_together("compare"):
         return _compared(runs)
-    except (KeyError, IndexError, TypeError) as error:
-        raise InputError(f"compare: a summary.json lacks {error}; make the runs again with this program") from None
 
 
 def _compared(runs: Sequence[Run]) -> dict[str, Any]:

@@ -1,8 +1,10 @@
 """What lies at a path where a run folder was wanted, and which command is for it."""
 
-import json
 from pathlib import Path
 from typing import Any
+
+from nebosvod.errors import InputError
+from nebosvod.stored import read_object
 
 RUN_FILES = ("manifest.json", "summary.json", "arrays.npz")
 LISTED = 3
@@ -103,7 +105,6 @@ def _page(path: Path) -> str:
 def read_json(path: Path) -> dict[str, Any]:
     """A JSON object; empty where there is none."""
     try:
-        found = json.loads(path.read_text("utf-8"))
-    except (OSError, ValueError):
+        return read_object(path)
+    except (OSError, InputError):
         return {}
-    return found if isinstance(found, dict) else {}

@@ -8,7 +8,7 @@ the program wrote (ownership.py).
 import hashlib
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from io import BytesIO, StringIO
@@ -25,6 +25,7 @@ from nebosvod.outlook import without_answer
 from nebosvod.ownership import OURS, RECORD, Ownership, hashes_of, marked, ownership, sha256_of
 from nebosvod.publication import discard, new_stage, publish, recover
 from nebosvod.recognise import not_a_run, read_json
+from nebosvod.stored import changed_said, held_together, read_arrays, read_object
 from nebosvod.wholefile import reason, refuse_link, require_place, write_whole
 
 FAILED_STATUSES = ("iteration_limit", "not_observable", "diverged")
@@ -73,8 +74,7 @@ class Result:
 
         path = Path(folder)
         require_run_folder(path)
-        with np.load(path / "arrays.npz", allow_pickle=False) as stored:
-            arrays = {name: stored[name] for name in stored.files}
+        arrays = read_arrays(path / "arrays.npz")
         tables = {}
         for file in sorted((path / "tables").glob("*.ecsv")):
             read = AstropyTable.read(file, format="ascii.ecsv")
@@ -83,7 +83,7 @@ class Result:
                 units={name: str(read[name].unit or "") for name in read.colnames},
                 description=str(read.meta.get("description", "")),
             )
-        summary, manifest = (json.loads((path / name).read_text("utf-8")) for name in ("summary.json", "manifest.json"))
+        summary, manifest = (read_object(path / name) for name in ("summary.json", "manifest.json"))
         return cls(summary=summary, manifest=manifest, arrays=arrays, tables=tables)
 
 
@@ -219,8 +219,22 @@ def report_text(folder: Path) -> str:
     return make_report(folder)
 
 
-def rewrite_report(folder: Path, *, pdf: bool = False) -> Path:
-    """Make report.html (and report.pdf) anew from the files of a run; returns the path of the page."""
+def rewrite_report(folder: Path, *, pdf: bool = False, say: Callable[[str], None] = lambda message: None) -> Path:
+    """Make report.html (and report.pdf) anew from the files of a run; returns the path of the page.
+
+    Parameters
+    ----------
+    say : called with a sentence for each file that was changed since it was written.
+
+    Raises
+    ------
+    InputError
+        If a file of the run is cut or changed so that it cannot be used; names file and key.
+    OutputError
+        If a page that the program did not write is in the way, or the place cannot be written.
+    """
+    from nebosvod.report.folder import require_sound_summary
+
     require_run_folder(folder)
     place = Path(os.path.realpath(folder))
     with Lock(place, folder, "another run"):
@@ -231,7 +245,12 @@ def rewrite_report(folder: Path, *, pdf: bool = False) -> Path:
             if os.path.lexists(place / name) and (owned is None or name not in owned.listed):
                 raise OutputError(f"{folder / name}: was not written by this program; move it away")
         require_place(place / RECORD)
-        write_whole(place / "report.html", report_text(folder).encode("utf-8"))
+        for sentence in changed_said(folder):
+            say(sentence)
+        require_sound_summary(folder)
+        with held_together(str(folder)):
+            text = report_text(folder).encode("utf-8")
+        write_whole(place / "report.html", text)
         if pdf:
             from nebosvod.report.pdf import print_pdf
 

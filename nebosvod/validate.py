@@ -67,6 +67,7 @@ def validate(
     full: bool = False,
     overwrite: bool = False,
     progress: Callable[[int, int], None] = lambda done, runs: None,
+    say: Callable[[str], None] = lambda message: None,
 ) -> dict[str, Any]:
     """Run or continue a validation campaign in `folder`; returns what validation.json holds.
 
@@ -75,6 +76,7 @@ def validate(
     runs : simulated truths; every estimator of the mission sees the same ones.
     workers : processes; the result does not depend on them.
     progress : called with the runs that are done and all runs.
+    say : called with a sentence for each stored file that was changed since it was written.
 
     Raises
     ------
@@ -97,6 +99,8 @@ def validate(
     with CampaignFolder(folder, campaign, overwrite=overwrite) as held:
         held.refuse_smaller(runs)
         missing = held.missing(runs)
+        for sentence in held.changed(missing):
+            say(sentence)
         finished = held.chunks(runs) - len(missing)
         progress(min(runs, finished * campaign.chunk_runs), runs)
 

@@ -1,8 +1,6 @@
 """A run folder as the report reads it: manifest, summary, arrays."""
 
-import json
 import re
-import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,11 +11,15 @@ import numpy.typing as npt
 
 from nebosvod.errors import InputError
 from nebosvod.outlook import answered, impact_sentences, unanswered_sentences
+from nebosvod.shape import require_shape, schema_file
+from nebosvod.stored import read_arrays, read_object, require_version
 from nebosvod.timescale import Epoch
 
 Array = npt.NDArray[np.float64]
 Item = Mapping[str, Any]
 SCHEMA_VERSION = 1
+HERE = Path(__file__).parent
+SCHEMAS = (HERE / "summary.schema.json", HERE.parent / "fit" / "summary.schema.json")  # of a run, of a fit
 REQUIRED = ("mission", "object", "reference_epoch_tdb", "n_observations", "telescopes", "estimators")
 
 
@@ -100,34 +102,33 @@ def read_folder(path: Path) -> RunFolder:
     """
     summary = _read_json(path / "summary.json")
     manifest = _read_json(path / "manifest.json")
-    version = summary.get("schema_version")
-    if version != SCHEMA_VERSION:
-        raise InputError(f"{path / 'summary.json'}: schema_version {version!r}; this program reads {SCHEMA_VERSION}")
+    require_version(path / "summary.json", summary, SCHEMA_VERSION)
     missing = [key for key in REQUIRED if key not in summary]
     if missing:
         raise InputError(f"{path / 'summary.json'}: {', '.join(missing)} missing; run the mission again")
-    return RunFolder(manifest=manifest, summary=summary, arrays=_read_arrays(path / "arrays.npz"))
+    try:  # a run that stopped early may have left no arrays
+        arrays = read_arrays(path / "arrays.npz")
+    except FileNotFoundError:
+        arrays = {}
+    return RunFolder(manifest=manifest, summary=summary, arrays=arrays)
+
+
+def require_sound_summary(path: Path) -> None:
+    """Hold the summary of a run that somebody hands over against its schema.
+
+    Raises
+    ------
+    InputError
+        If it has not the shape; the message names file and key.
+    """
+    summary = _read_json(path / "summary.json")
+    require_version(path / "summary.json", summary, SCHEMA_VERSION)
+    require_shape(path / "summary.json", summary, schema_file(SCHEMAS[summary.get("kind") == "fit"]))
 
 
 def _read_json(path: Path) -> dict[str, Any]:
     """One JSON object of a run folder."""
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        return read_object(path)
     except FileNotFoundError:
         raise InputError(f"{path}: not found; a run folder is what `nebosvod run MISSION` leaves behind") from None
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read ({error})") from None
-    if not isinstance(content, dict):
-        raise InputError(f"{path}: holds {type(content).__name__}, needs a JSON object")
-    return content
-
-
-def _read_arrays(path: Path) -> dict[str, npt.NDArray[Any]]:
-    """All arrays of arrays.npz; a run that stopped early may have left none."""
-    if not path.exists():
-        return {}
-    try:
-        with np.load(path, allow_pickle=False) as archive:
-            return {name: archive[name] for name in archive.files}
-    except (OSError, ValueError, zipfile.BadZipFile) as error:
-        raise InputError(f"{path}: cannot be read ({error}); run the mission again") from None

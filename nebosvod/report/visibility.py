@@ -2,18 +2,21 @@
 
 import csv as reader
 from collections.abc import Mapping, Sequence
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from markupsafe import Markup
 
+from nebosvod.errors import InputError
 from nebosvod.report.chart import Chart
 from nebosvod.report.download import csv
 from nebosvod.report.folder import RunFolder
 from nebosvod.report.plate import BLUE, GREEN, GREY, ORANGE, PURPLE, SERIES, SKY, VERMILION, Plate, thin
 from nebosvod.report.scale import calendar, linear, named
 from nebosvod.report.wording import NBSP, REMOVED, join
+from nebosvod.stored import read_bytes
 from nebosvod.timescale import SECONDS_PER_DAY
 
 COLOURS: Mapping[str, str] = {
@@ -29,11 +32,22 @@ Columns = Mapping[str, Sequence[str]]
 def read_visibility(folder: Path) -> Columns | None:
     """The columns of tables/visibility.ecsv as text; None where the folder has no such table."""
     path = folder / "tables" / "visibility.ecsv"
-    if not path.is_file():
+    try:
+        text = read_bytes(path).decode("utf-8")
+    except FileNotFoundError:
         return None
-    with path.open(encoding="utf-8", newline="") as file:
-        rows = list(reader.reader((line for line in file if not line.startswith("#")), delimiter=" "))
-    return dict(zip(rows[0], zip(*rows[1:]))) if len(rows) > 1 else None
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: cannot be read ({error})") from None
+    lines = (line for line in StringIO(text, newline="") if not line.startswith("#"))
+    try:
+        rows = list(reader.reader(lines, delimiter=" "))
+    except reader.Error as error:
+        raise InputError(f"{path}: cannot be read ({error})") from None
+    if len(rows) < 2:
+        return None
+    if any(len(row) != len(rows[0]) for row in rows):
+        raise InputError(f"{path}: cannot be read (a row has not {len(rows[0])} columns)")
+    return dict(zip(rows[0], zip(*rows[1:])))
 
 
 def timeline(run: RunFolder, columns: Columns | None) -> Plate | None:

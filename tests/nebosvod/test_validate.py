@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import jsonschema
+import numpy as np
 import pytest
 
 import nebosvod
@@ -313,3 +314,64 @@ def test_built_in_missions_at_2000_runs(name: str, tmp_path: Path) -> None:
 def test_full_campaign_of_minimal(tmp_path: Path) -> None:
     found = validate(load_mission("minimal"), tmp_path / "v", runs=400, seed=SEED, workers=2, full=True)
     assert found["passed"], found["verdict"]
+
+
+def test_chunks_and_results_that_were_changed_are_said_and_made_again(
+    four: Path, campaign_of_four: Path, tmp_path: Path
+) -> None:
+    """Sound files with other contents: a chunk of another number, one with changed numbers, an edited result."""
+    folder = tmp_path / "v"
+    shutil.copytree(campaign_of_four, folder)
+    before = {path.name: path.read_bytes() for path in (folder / "chunks").iterdir()}
+    result = (folder / "validation.json").read_bytes()
+    shutil.copyfile(chunk_path(folder, 0), chunk_path(folder, 1))
+    with np.load(chunk_path(folder, 2)) as stored:
+        arrays = dict(stored)
+    arrays["errors_0"][0, 0] *= 2.0
+    np.savez(chunk_path(folder, 2), **arrays)
+    (folder / "validation.json").write_bytes(result.replace(b'"passed": true', b'"passed": false', 1))
+    said: list[str] = []
+    validate(load_mission(str(four)), folder, runs=200, seed=SEED, workers=1, say=said.append)
+    assert [Path(line.partition(": ")[0]).name for line in said] == ["000001.npz", "000002.npz", "validation.json"]
+    assert {path.name: path.read_bytes() for path in (folder / "chunks").iterdir()} == before
+    assert (folder / "validation.json").read_bytes() == result
+
+
+def test_overwrite_removes_what_the_campaign_wrote_and_nothing_else(
+    four: Path, campaign_of_four: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / "v"
+    shutil.copytree(campaign_of_four, folder)
+    (folder / "chunks" / "notes.txt").write_text("mine", "utf-8")
+    (folder / "notes.txt").write_text("mine", "utf-8")
+    mission = load_mission(str(four))
+    other = Campaign.of(mission, SEED + 1, False, 62)
+    (folder / "chunks" / "000007.npz").write_bytes(b"a file of mine")
+    with (
+        pytest.raises(OutputError, match=r"000007\.npz.*nothing was changed"),
+        CampaignFolder(folder, other, overwrite=True),
+    ):
+        pass
+    assert (folder / "validation.json").is_file()
+    (folder / "chunks" / "000007.npz").unlink()
+    with CampaignFolder(folder, other, overwrite=True):
+        pass
+    assert sorted(p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file()) == [
+        "campaign.json", "chunks/notes.txt", "notes.txt",
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("link", ["v", "v/chunks", "v/validation.json", "v/campaign.json", ".v.lock"])
+def test_a_campaign_never_writes_through_a_link(link: str, four: Path, campaign_of_four: Path, tmp_path: Path) -> None:
+    folder, target = tmp_path / "v", tmp_path / "target"
+    shutil.copytree(campaign_of_four, folder)
+    place = tmp_path / link
+    if link == ".v.lock":
+        target.write_text("precious", "utf-8")
+    else:
+        place.rename(target)
+    place.symlink_to(target)
+    before = {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()}
+    with pytest.raises(OutputError):
+        validate(load_mission(str(four)), folder, runs=200, seed=SEED, workers=1)
+    assert {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()} == before
