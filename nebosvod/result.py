@@ -236,6 +236,8 @@ def rewrite_report(folder: Path, *, pdf: bool = False, say: Callable[[str], None
     from nebosvod.report.folder import require_sound_summary
 
     require_run_folder(folder)
+    if not isinstance(read_object(folder / RECORD).get("outputs_sha256"), dict):
+        raise InputError(f"{folder / RECORD}: outputs_sha256: the file lacks its list of files; make the run again")
     place = Path(os.path.realpath(folder))
     with Lock(place, folder, "another run"):
         owned = ownership(place)

@@ -95,7 +95,7 @@ def _wrong_scalar(value: Any, schema: Schema, key: str) -> Iterator[tuple[str, s
             yield key, f"needs at least {schema['minimum']} (got {value})"
         if value > schema.get("maximum", value):
             yield key, f"needs at most {schema['maximum']} (got {value})"
-        if value <= schema.get("exclusiveMinimum", value - 1):
+        if "exclusiveMinimum" in schema and value <= schema["exclusiveMinimum"]:
             yield key, f"needs more than {schema['exclusiveMinimum']} (got {value})"
 
 
