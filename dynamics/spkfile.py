@@ -1,21 +1,25 @@
 """SPK files (NAIF DAF/SPK, type 2): reading their Chebyshev series as memory-mapped arrays.
 
-jplephem reads the summaries; the coefficients are mapped, not copied, so that the 645 MB of the full asteroid file
+The coefficients are mapped, not copied, so that the 645 MB of the full asteroid file
 cost nothing until an arc of it is used. (Writing a trajectory: spkwriter.py.)
 """
 
+import math
+import stat
 import struct
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from jplephem.spk import SPK
 
 from nebosvod.errors import DataError
 
 Array = npt.NDArray[np.float64]
 DAY_S = 86400.0
+RECORD_BYTES = 1024
+MOST_SUMMARIES = 25  # of 40 bytes in a record, after 24 bytes
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -47,6 +51,8 @@ class Series:
     def coefficients(self, first: int, last: int) -> Array:
         """Coefficients of records first..last-1, copied to shape (last - first, order, 3)."""
         block = self.records[first:last, 2:].reshape(-1, 3, self.order)
+        if not np.isfinite(block).all():
+            raise DataError(f"the ephemeris of body {self.target} has a number that is not finite; copy the file again")
         return np.ascontiguousarray(block.transpose(0, 2, 1))
 
 
@@ -67,23 +73,88 @@ def read_series(path: Path) -> tuple[dict[tuple[int, int], Series], str]:
             head = file.read(8)
         if head != b"DAF/SPK ":
             raise DataError(f"{path}: not an SPK file (it begins with {head!r}, not b'DAF/SPK ')")
-        with SPK.open(str(path)) as kernel:
-            little = kernel.daf.locfmt in (b"LTL-IEEE", b"\0" * 8)
-            segments = [
-                (s.center, s.target, s.data_type, s.start_second, s.end_second, s.start_i, s.end_i, s.source)
-                for s in kernel.segments
-            ]
+        summaries = read_summaries(path)
     except OSError as error:
         raise DataError(f"{path}: cannot be read ({error.strerror or error})") from None
-    except (ValueError, IndexError, KeyError, UnicodeError, EOFError, struct.error) as error:
-        raise DataError(f"{path}: damaged SPK file ({error})") from None
-    words = np.memmap(path, dtype="<f8" if little else ">f8", mode="r", shape=(path.stat().st_size // 8,))
+    words = np.memmap(path, dtype=f"{summaries.order}f8", mode="r", shape=(path.stat().st_size // 8,))
     series = {}
-    for center, target, kind, start_s, end_s, first_word, last_word, _ in segments:
+    for start_s, end_s, target, center, _, kind, first_word, last_word in summaries.values:
         if kind == 2 and start_s <= 0.0 <= end_s:
             series[center, target] = _map_series(path, words, center, target, (start_s, end_s), (first_word, last_word))
-    source = segments[0][-1].decode("ascii", "replace").strip() if segments else ""
-    return series, source
+    return series, summaries.names[0] if summaries.names else ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Summaries:
+    """What an SPK file says of its segments: names, and start, end (s), target, centre, frame, type, first, last word.
+
+    Parameters
+    ----------
+    order : "<" or ">", of the bytes.
+    """
+
+    order: str
+    names: tuple[str, ...]
+    values: tuple[tuple[float, float, int, int, int, int, int, int], ...]
+
+
+def read_summaries(path: Path) -> Summaries:
+    """Walk through the summaries of an SPK file, whose every number may be damaged.
+
+    Raises
+    ------
+    OSError, DataError
+        If the system refuses; if the file is damaged or cut short: records that lead in a circle or outside of it,
+        times that are none, segments that are not in it.
+
+    Notes
+    -----
+    jplephem trusts the file: a summary record that names itself as the next one holds it forever, and a damaged count
+    of integers asks for gigabytes. It may open a file that has passed here.
+    """
+    status = path.stat()
+    if not stat.S_ISREG(status.st_mode):
+        raise DataError(f"{path}: is no regular file")
+    records = status.st_size // RECORD_BYTES
+    with path.open("rb") as file:
+        head = file.read(RECORD_BYTES)
+        order = _byte_order(path, head)
+        doubles, integers, place = *struct.unpack(f"{order}ii", head[8:16]), *struct.unpack(f"{order}i", head[76:80])
+        if (doubles, integers) != (2, 6):
+            raise DataError(f"{path}: damaged SPK file (ND, NI = {doubles}, {integers}, not 2, 6)")
+        names: list[str] = []
+        found: list[tuple[Any, ...]] = []
+        seen: set[int] = set()
+        while place:
+            if not 1 < place < records + 1 or place in seen:
+                raise DataError(f"{path}: damaged SPK file: summary record {place} of {records}; copy it again")
+            seen.add(place)
+            file.seek((place - 1) * RECORD_BYTES)
+            record, labels = file.read(RECORD_BYTES), file.read(RECORD_BYTES)
+            following, _, count = struct.unpack(f"{order}3d", record[:24])
+            if not (0.0 <= count <= MOST_SUMMARIES and count.is_integer() and 0.0 <= following <= records):
+                raise DataError(f"{path}: damaged SPK file: a summary record of {count:g} summaries; copy it again")
+            found += [struct.unpack_from(f"{order}2d6i", record, 24 + 40 * i) for i in range(int(count))]
+            names += [labels[40 * i : 40 * i + 40].decode("ascii", "replace").strip() for i in range(int(count))]
+            place = int(following)
+    for start, end, target, *_, first, last in found:
+        if not (math.isfinite(start) and math.isfinite(end) and start <= end and 1 <= first <= last):
+            raise DataError(f"{path}: damaged SPK file: the segment of body {target} ({start:g} to {end:g} s)")
+        if last > (size := status.st_size // 8):
+            raise DataError(f"{path}: the segment of body {target} ends at word {last}, the file has {size}: cut short")
+    return Summaries(order=order, names=tuple(names), values=tuple(found))
+
+
+def _byte_order(path: Path, head: bytes) -> str:
+    """Of a file record: as it says, or as makes sense in files of before 1997."""
+    if len(head) == RECORD_BYTES and head[:8].rstrip().upper() in (b"DAF/SPK", b"NAIF/DAF"):
+        said = {b"LTL-IEEE": "<", b"BIG-IEEE": ">"}.get(head[88:96])
+        if head[:8].rstrip().upper() == b"DAF/SPK" and said:
+            return said
+        for order in "<>":
+            if head[:8].rstrip().upper() == b"NAIF/DAF" and struct.unpack(f"{order}i", head[8:12]) == (2,):
+                return order
+    raise DataError(f"{path}: not an SPK file, or a damaged one (it begins with {head[:8]!r})")
 
 
 def _map_series(
@@ -95,7 +166,7 @@ def _map_series(
     if last > len(words):
         raise DataError(f"{where_text} ends at word {last}, the file has {len(words)}: it is cut short")
     start, length, width, count = (float(word) for word in words[last - 4 : last])
-    sound = length > 0.0 and width >= 5 and (width - 2) % 3 == 0 and count >= 1
+    sound = math.isfinite(start) and 0.0 < length < math.inf and width >= 5 and (width - 2) % 3 == 0 and count >= 1
     if not sound or width * count + 4 != last - first + 1:
         raise DataError(f"{where_text} has a damaged directory ({start}, {length}, {width}, {count})")
     records = words[first - 1 : last - 4].reshape(int(count), int(width))

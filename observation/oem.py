@@ -9,7 +9,7 @@ import numpy as np
 from nebosvod.errors import DataError, InputError
 from nebosvod.observation.ccsds_time import SYSTEMS, read_time
 from nebosvod.observation.contracts import Array
-from nebosvod.observation.tabulated import BARYCENTRE, Method, Segment, TabulatedOrbit
+from nebosvod.observation.tabulated import BARYCENTRE, Method, Segment, TabulatedOrbit, usable
 from nebosvod.timescale import Epoch
 
 CENTRES = {
@@ -207,12 +207,12 @@ class _Reader:
             raise self.wrong(f"INTERPOLATION_DEGREE {degree}: allowed 1 to {MOST_DEGREES}")
         start = meta.get("USEABLE_START_TIME", meta["START_TIME"])
         stop = meta.get("USEABLE_STOP_TIME", meta["STOP_TIME"])
+        times = np.array([t for t, _ in rows])
         try:
             segment = Segment(
-                t_s=np.array([t for t, _ in rows]),
+                t_s=times,
                 states=np.stack([state for _, state in rows]),
-                start_s=self._seconds(start, meta),
-                end_s=self._seconds(stop, meta),
+                **usable(self._seconds(start, meta), self._seconds(stop, meta), times),
                 method=method,
                 window=(degree + 1) // 2 if method == "hermite" else degree + 1,
             )

@@ -1,28 +1,29 @@
 """Spacecraft from SPK files: types 2 and 3 through jplephem, 1, 8, 9, 12, 13 and 21 by readers of our own."""
 
+import math
 import struct
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any
 
 import numpy as np
 from jplephem.daf import DAF
 from jplephem.spk import SPK
 
+from nebosvod.dynamics.spkfile import read_summaries
 from nebosvod.errors import CoverageError, DataError, InputError
 from nebosvod.observation.contracts import Array, Ephemeris
 from nebosvod.observation.difference_lines import LARGEST_TABLE, DifferenceLines
-from nebosvod.observation.tabulated import BARYCENTRE, Segment, TablePiece, TabulatedOrbit, central_body
+from nebosvod.observation.tabulated import BARYCENTRE, Segment, TablePiece, TabulatedOrbit, central_body, usable
 from nebosvod.quantities import bordered
 from nebosvod.timescale import Epoch
 
 J2000 = Epoch.from_jd(2451545.0)
 FRAME_J2000 = 1
 OF_JPLEPHEM = {2, 3}
-RECORD_BYTES, SPK_SIZES, MOST_SUMMARIES = 1024, (2, 6), 25  # of the DAF layout (NAIF, DAF Required Reading)
-# what jplephem raises on files whose numbers were damaged: it trusts what their first record says of sizes
-BROKEN = (ValueError, IndexError, TypeError, OverflowError, MemoryError, struct.error)
+# what reading a file leads to whose numbers are damaged
+DAMAGED = (OSError, ValueError, LookupError, ArithmeticError, TypeError, struct.error, EOFError)
 CENTRES = {
     0: BARYCENTRE,
     3: "emb",
@@ -66,22 +67,43 @@ class ChebyshevOrbit:
         """
         states = np.full((t_s.size, 6), np.nan)
         day = (epoch.fraction * 86400.0 + t_s) / 86400.0
-        with SPK.open(self.path) as kernel:
-            for segment in kernel.segments:
-                if segment.target != self.target:
-                    continue
-                inside = (day >= segment.start_jd - epoch.day) & (day <= segment.end_jd - epoch.day)
-                if np.any(inside):
-                    place, per_day = segment.compute_and_differentiate(epoch.day, day[inside])
-                    states[inside, :3] = place[:3].T
-                    # a type 3 segment carries its own velocity in the last three components, km/s
-                    states[inside, 3:] = place[3:].T if place.shape[0] == 6 else per_day.T / 86400.0
+        try:
+            with SPK.open(self.path) as kernel, np.errstate(all="ignore"):
+                for segment in kernel.segments:
+                    if segment.target == self.target:
+                        _fill(states, segment, epoch.day, day)
+        except DAMAGED as error:
+            raise DataError(f"{self.path}: damaged SPK file ({error})") from None
+        if np.any(np.isinf(states)):
+            raise DataError(f"{self.path}: damaged SPK file: a state is not finite")
         if np.any(np.isnan(states)):
             lost = epoch + float(t_s[np.argmax(np.isnan(states[:, 0]))])
             raise CoverageError(f"{self.source}: no state at {lost.iso(digits=0)}")
         if self.origin == BARYCENTRE:
             return states
         return states + ephemeris.state_km_km_s(self.origin, epoch, t_s)
+
+
+def _fill(states: Array, segment: Any, whole: float, day: Array) -> None:
+    """Write the states of a segment at the days that lie in it."""
+    inside = (day >= segment.start_jd - whole) & (day <= segment.end_jd - whole)
+    if np.any(inside):
+        place, per_day = segment.compute_and_differentiate(whole, day[inside])
+        states[inside, :3] = place[:3].T
+        # a type 3 segment carries its own velocity in the last three components, km/s
+        states[inside, 3:] = place[3:].T if place.shape[0] == 6 else per_day.T / 86400.0
+        if np.isnan(states[inside]).any():
+            raise ValueError("a state inside of a segment is not a number")
+
+
+def _require_series(path: Path, daf: DAF, values: tuple[float, ...]) -> None:
+    """Types 2 and 3: a directory that fits the segment, as jplephem takes it for granted."""
+    first, last = int(values[6]), int(values[7])
+    start, length, width, count = np.array(daf.read_array(max(last - 3, 1), last), dtype=np.float64)
+    per_component = 3 if int(values[5]) == 2 else 6
+    sound = math.isfinite(start) and 0.0 < length < math.inf and width >= 2 + per_component and count >= 1
+    if not sound or (width - 2) % per_component or width * count + 4 != last - first + 1:
+        raise DataError(f"{path}: target {int(values[2])}: damaged directory ({start}, {length}, {width}, {count})")
 
 
 def read_spk(path: str | Path, target: int | None = None) -> ChebyshevOrbit | TabulatedOrbit:
@@ -95,43 +117,19 @@ def read_spk(path: str | Path, target: int | None = None) -> ChebyshevOrbit | Ta
     """
     path = Path(path)
     try:
+        summaries = read_summaries(path).values
         with path.open("rb") as stream:
-            _check_layout(stream)
-            daf = DAF(stream)
-            return _read(path, daf, target)
+            return _read(path, DAF(stream), summaries, target)
     except InputError as error:  # numbers that no orbit has
         raise DataError(f"{path}: {error}") from None
-    except (*BROKEN, OSError) as error:
+    except DAMAGED as error:
         raise DataError(f"{path}: cannot be read as an SPK file ({error})") from None
 
 
-def _check_layout(stream: BinaryIO) -> None:
-    """Refuse a first record whose sizes are not those of an SPK file, and summaries that lead in a circle.
-
-    jplephem believes both: a damaged byte would take gigabytes, or never end.
-    """
-    head = stream.read(RECORD_BYTES)
-    order = ">" if head[88:96] == b"BIG-IEEE" or (head[:8] == b"NAIF/DAF" and head[8:12] == b"\0\0\0\2") else "<"
-    sizes = struct.unpack(f"{order}2i", head[8:16])
-    if sizes != SPK_SIZES:
-        raise ValueError(f"its summaries have {sizes[0]} and {sizes[1]} numbers, those of an SPK file {SPK_SIZES}")
-    (number,) = struct.unpack(f"{order}i", head[76:80])
-    seen = set()
-    while number:
-        if number in seen or number < 2:
-            raise ValueError("its summaries lead in a circle")
-        seen.add(number)
-        stream.seek((number - 1) * RECORD_BYTES)
-        following, _, count = struct.unpack(f"{order}3d", stream.read(24))
-        if not 0.0 <= count <= MOST_SUMMARIES:
-            raise ValueError(f"a record of it has {count:g} summaries")
-        number = int(following)
-    stream.seek(0)
-
-
-def _read(path: Path, daf: DAF, target: int | None) -> ChebyshevOrbit | TabulatedOrbit:
+def _read(
+    path: Path, daf: DAF, summaries: Sequence[tuple[float, ...]], target: int | None
+) -> ChebyshevOrbit | TabulatedOrbit:
     """Pick the summaries of the target and build its orbit."""
-    summaries = [values for _, values in daf.summaries()]
     targets = sorted({int(values[2]) for values in summaries})
     if target is None:
         if len(targets) != 1:
@@ -147,6 +145,8 @@ def _read(path: Path, daf: DAF, target: int | None) -> ChebyshevOrbit | Tabulate
         raise DataError(f"{path}: target {target} is about {sorted(centres)}, one of {sorted(CENTRES)} is read")
     origin = CENTRES[centres.pop()]
     if kinds <= OF_JPLEPHEM:
+        for values in mine:
+            _require_series(path, daf, values)
         return ChebyshevOrbit(source=path.name, origin=origin, path=path, target=target)
     if not kinds <= READERS.keys():
         known = "1, 2, 3, 8, 9, 12, 13 and 21"
@@ -185,8 +185,7 @@ def _states(daf: DAF, values: tuple[float, ...]) -> Segment:
     return Segment(
         t_s=times,
         states=words[: 6 * count].reshape(count, 6),
-        start_s=float(values[0]),
-        end_s=float(values[1]),
+        **usable(values[0], values[1], times),
         method="hermite" if kind in (12, 13) else "lagrange",
         window=int(window),
     )
@@ -200,11 +199,12 @@ def _differences(daf: DAF, values: tuple[float, ...]) -> DifferenceLines:
         raise InputError(f"difference tables of {size:g} rows (allowed 2 to {LARGEST_TABLE})")
     width = 4 * int(size) + 11
     count = _count(words[:-1], words[-1], width + 1)
+    ends = words[count * width : count * (width + 1)]
     return DifferenceLines(
         records=words[: count * width].reshape(count, width),
-        end_of_record_s=words[count * width : count * (width + 1)],
-        start_s=float(values[0]),
-        end_s=float(values[1]),
+        end_of_record_s=ends,
+        start_s=values[0],
+        end_s=min(values[1], float(ends[-1])),
     )
 
 

@@ -113,15 +113,18 @@ class TabulatedOrbit:
 
         Raises
         ------
-        CoverageError
-            If a time lies in no segment.
+        CoverageError, InputError
+            If a time lies in no segment; if the numbers of the table are too large to interpolate.
         """
         local = t_s + (epoch - self.epoch)
         which = self._choose(local)
         states = np.empty((local.size, 6))
         for number in np.unique(which):
             mine = which == number
-            states[mine] = self.segments[number].evaluate(local[mine])
+            with np.errstate(over="ignore", invalid="ignore"):
+                states[mine] = self.segments[number].evaluate(local[mine])
+            if not np.isfinite(states[mine]).all():
+                raise InputError(f"{self.source}: a state is not finite; the file is damaged")
             origin = self.origins[number] if self.origins else self.origin
             if origin != BARYCENTRE:
                 states[mine] += ephemeris.state_km_km_s(origin, epoch, t_s[mine])
@@ -140,6 +143,22 @@ class TabulatedOrbit:
             )
             raise CoverageError(f"{self.source}: no state at {lost.iso(digits=0)} (covers {spans})")
         return which
+
+
+def usable(start_s: float, end_s: float, t_s: Array) -> dict[str, float]:
+    """The span a file claims, without what its states do not reach: nothing is extrapolated.
+
+    Raises
+    ------
+    InputError
+        If nothing is left.
+    """
+    if not t_s.size:
+        raise InputError("table: has no times")
+    first, last = max(start_s, float(t_s[0])), min(end_s, float(t_s[-1]))
+    if not first <= last:
+        raise InputError(f"table: claims {start_s:.9g} to {end_s:.9g} s, its states {t_s[0]:.9g} to {t_s[-1]:.9g} s")
+    return {"start_s": first, "end_s": last}
 
 
 def check_sizes(t_s: Array, numbers: Array, span_s: tuple[float, float]) -> None:
