@@ -2,13 +2,21 @@
 
 import gzip
 import os
+import re
 import stat
 import zlib
 from pathlib import Path
 
 from nebosvod.errors import DataError, InputError
 
-LARGEST_BYTES = 500_000_000
+LARGEST_BYTES = 32_000_000  # unpacked; the longest list of one object has 3
+MOST_LINES = 250_000
+MOST_CELLS = 3_000_000  # of separators or tags: each becomes a text of its own in memory
+MOST_COLUMNS = 400
+LONGEST_LINE = 20_000
+TOO_LONG = re.compile(rb"[^\n]{%d}" % (LONGEST_LINE + 1))
+HEAD_BYTES, HEAD_LINES = 10_000_000, 1000  # where the names of columns are looked for
+LINES_OF_XML = 20  # of one record
 MOST_PROBLEMS = 20
 
 
@@ -33,7 +41,27 @@ class SourceFile:
         if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
             raise InputError(f"{name}:1: UTF-16 byte order mark (byte 0x{data[0]:02X}); save the file as UTF-8")
         self.data = data.removeprefix(b"\xef\xbb\xbf").replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+        self._refuse_too_much()
         self._refuse_strange_bytes()
+
+    def _refuse_too_much(self) -> None:
+        """Count before anything is taken apart: a list of texts takes twenty times the bytes of the file."""
+        xml = self.data[:4096].lstrip().startswith(b"<")
+        lines, tags = self.data.count(b"\n"), self.data.count(b"<")
+        most = MOST_LINES * (LINES_OF_XML if xml else 1)
+        cells = max(self.data.count(b"|"), self.data.count(b","), tags)
+        for found, allowed, what in ((lines, most, "lines"), (cells, MOST_CELLS, "cells")):
+            if found > allowed:
+                raise InputError(
+                    f"{self.name}: more than {allowed:,} {what} ({found:,}); split it by objects or by time"
+                )
+        for number, line in enumerate(self.data[:HEAD_BYTES].split(b"\n")[:HEAD_LINES], start=1):
+            columns = max(line.count(b"|"), line.count(b",")) + 1
+            if columns > MOST_COLUMNS and not line.lstrip().startswith((b"#", b"!", b"<")):
+                raise InputError(f"{self.name}:{number}: more than {MOST_COLUMNS} columns ({columns:,})")
+        if not xml and (long := TOO_LONG.search(self.data)):
+            number = self.data.count(b"\n", 0, long.start()) + 1
+            raise InputError(f"{self.name}:{number}: a line of more than {LONGEST_LINE:,} bytes, no observation")
 
     def _refuse_strange_bytes(self) -> None:
         if (place := self.data.find(b"\0")) < 0:
@@ -85,7 +113,7 @@ def read_source(path: str | Path) -> SourceFile:
     Raises
     ------
     InputError
-        If it is no regular file, larger than 500 MB (unpacked), damaged gzip, or not UTF-8.
+        If it is no regular file, too large (unpacked), has too many lines or columns, is damaged gzip, or not UTF-8.
     DataError
         If the system refuses to read it.
     """
@@ -108,7 +136,7 @@ def read_source(path: str | Path) -> SourceFile:
     except ValueError as error:
         raise InputError(f"{name}: is not a usable file name ({error})") from None
     if len(data) > LARGEST_BYTES:
-        raise InputError(f"{name}: larger than {LARGEST_BYTES} bytes; split it")
+        raise InputError(f"{name}: larger than {LARGEST_BYTES:,} bytes (unpacked); split it by objects or by time")
     return SourceFile(name, data)
 
 
