@@ -119,3 +119,15 @@ def reselect(chi2: Array, selected: Flags, thresholds: Thresholds, least: int, h
 def settled(history: list[Flags], latest: Flags) -> bool:
     """Whether a selection has been there before: it then stays, for going on would only go round in a circle."""
     return any(np.array_equal(latest, earlier) for earlier in history)
+
+
+def turning(history: list[Flags], latest: Flags) -> Flags:
+    """Measurements (n,) that go to and fro in the circle which the latest selection closes.
+
+    Parameters
+    ----------
+    history : earlier selections in their order, one of them equal to the latest.
+    """
+    first = max(place for place, earlier in enumerate(history) if np.array_equal(latest, earlier))
+    circle = np.array([*history[first:], latest])
+    return np.asarray(circle.any(axis=0) & ~circle.all(axis=0), dtype=np.bool_)

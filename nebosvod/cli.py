@@ -323,6 +323,11 @@ def schema(of_fit: bool) -> int:
 @click.option(
     "--export", is_flag=True, help="Also write the orbit as orbit.oem (CCSDS, with covariance) and orbit.bsp."
 )
+@click.option(
+    "--suggest",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Also write the settings that would mend what the tests found.",
+)
 @click.option("--overwrite", is_flag=True, help="Replace an earlier fit in the same folder.")
 @click.option("--json", "as_json", is_flag=True, help="Print summary.json, and nothing else, on stdout.")
 def fit(
@@ -333,6 +338,7 @@ def fit(
     until: str | None,
     split: bool,
     export: bool,
+    suggest: Path | None,
     overwrite: bool,
     as_json: bool,
 ) -> int:
@@ -348,8 +354,13 @@ def fit(
 
     mission = resolved(files, designations, since, until)
     folder = output if output is not None else Path(f"{mission.slug}-fit")
-    run_all = fit_every if split else fit_one
-    return EXIT_QUALITY if run_all(mission, folder, overwrite, as_json, export, _progress()) else 0
+    if split:
+        if suggest is not None:
+            raise InputError("--suggest: writes the settings of one object; choose it by --object instead of --split")
+        failed = fit_every(mission, folder, overwrite, as_json, export, _progress())
+    else:
+        failed = fit_one(mission, folder, overwrite, as_json, export, _progress(), suggest)
+    return EXIT_QUALITY if failed else 0
 
 
 def _progress() -> Callable[[str], None]:

@@ -76,6 +76,8 @@ def to_astrometry(cells: Cells) -> Astrometry:
     worth = np.stack([15.0 * cells.numbers("precRA", "(0, 100)"), cells.numbers("precDec", "(0, 100)")], axis=1)
     worth[:, 0] *= np.cos(psi[:, 1])
     catalogue, mode, band = (_names(cells, name) for name in ("astCat", "mode", "band"))
+    starred = np.array([bool(star) for star in cells.text("raStar")]) & ~(np.array(cells.text("ra")) != "")
+    mode = np.where(np.isin(station, list(obscodes.OCCULTATION)) | starred, "OCC", mode)
     cells.source.refuse_problems()
     n = len(cells)
     table = Astrometry(

@@ -20,4 +20,5 @@ def kept(found: Weights, astrometry: Astrometry) -> Weights:
         sigma_rad=np.where(mine[:, None], astrometry.sigma_rad, found.sigma_rad),
         correlation=np.where(mine, astrometry.correlation, found.correlation),
         rule=np.where(mine, RULE, found.rule),
+        thinning=np.where(mine, 1.0, found.thinning),
     )

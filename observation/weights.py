@@ -11,6 +11,7 @@ In this order: a user's table, the rms the record states, the table of Veres et 
   spacecraft at 0h UTC.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -37,14 +38,17 @@ class Weights:
     sigma_rad : (n, 2) of RA cos Dec and of Dec, rad.
     correlation : (n,) of the two.
     rule : (n,) where the number came from, in words.
-    night_count : (n,) observations of the object by the station in the same night.
+    night, night_count : (n,) number of the night of the station, and its observations of the object.
+    thinning : (n,) the factor in sigma for that.
     notices : what a user should know, one sentence each.
     """
 
     sigma_rad: Array
     correlation: Array
     rule: Texts
+    night: Rows
     night_count: Rows
+    thinning: Array
     notices: tuple[str, ...] = field(default=())
 
 
@@ -54,7 +58,7 @@ def weigh(
     *,
     stated: bool = True,
     floor_arcsec: float = FLOOR_ARCSEC,
-    night_limit: int | None = NIGHT_LIMIT,
+    night_limit: int | Callable[[str], int | None] | None = NIGHT_LIMIT,
 ) -> Weights:
     """Weigh observations.
 
@@ -63,7 +67,7 @@ def weigh(
     rules : a table of the user's, which comes before everything (`weight_rules`), or its file.
     stated : whether an rms that the record states comes before the general table.
     floor_arcsec : the least sigma that a stated rms may have.
-    night_limit : how many observations of a night weigh as independent; None = all.
+    night_limit : how many observations of a night weigh as independent; None = all; or a function of the station.
 
     Raises
     ------
@@ -72,8 +76,7 @@ def weigh(
     """
     if not (np.isfinite(floor_arcsec) and floor_arcsec >= 0.0):
         raise InputError(f"weights: the floor must be a finite angle >= 0 (got {floor_arcsec} arcsec)")
-    if night_limit is not None and night_limit < 1:
-        raise InputError(f"weights: the limit of observations in a night must be at least 1 (got {night_limit})")
+    limit = _limits(astrometry, night_limit)
     own = read_rules(rules) if isinstance(rules, str | Path) else rules or ()
     mjd = (astrometry.epoch.day - 2400000.5) + astrometry.epoch.fraction + (astrometry.t_s - TDB_MINUS_UTC_S) / 86400.0
     mode, space = detector_modes(astrometry, mjd), (astrometry.centre != "") & ~astrometry.roving
@@ -88,14 +91,24 @@ def weigh(
     rounded = (coarse > sigma).any(axis=1) & ~by_user
     sigma[rounded] = np.maximum(sigma, coarse)[rounded]
     rule[rounded] += ", raised to the last digit"
-    night = _night_counts(astrometry, mjd, space)
-    if night_limit is not None:
-        thinned = (night > night_limit) & (mode != "OCC")
-        sigma[thinned] *= np.sqrt(night[thinned] / night_limit)[:, None]
-        rule[thinned] += np.array([f", sqrt({count}/{night_limit})" for count in night[thinned]], dtype=object)
+    group, night = _nights(astrometry, mjd, space)
+    thinned = (night > limit) & (mode != "OCC")
+    thinning = np.where(thinned, np.sqrt(night / limit), 1.0)
+    sigma *= thinning[:, None]
+    told = [f", sqrt({count}/{most:.0f})" for count, most in zip(night[thinned], limit[thinned])]
+    rule[thinned] += np.array(told, dtype=object)
     return Weights(
-        sigma_rad=sigma, correlation=correlation, rule=rule.astype(np.str_), night_count=night, notices=tuple(notices)
-    )
+        sigma_rad=sigma, correlation=correlation, rule=rule.astype(np.str_), night=group, night_count=night,
+        thinning=thinning, notices=tuple(notices),
+    )  # fmt: skip
+
+
+def _limits(astrometry: Astrometry, said: int | Callable[[str], int | None] | None) -> Array:
+    """How many observations of its night weigh as independent, of each record (n,); inf for all."""
+    if isinstance(said, int) and said < 1:
+        raise InputError(f"weights: the limit of observations in a night must be at least 1 (got {said})")
+    by_station = {code: said(code) if callable(said) else said for code in astrometry.stations}
+    return np.array([by_station[code] or np.inf for code in astrometry.station.tolist()])
 
 
 def noise_covariance(weights: Weights, timing_sigma_s: Array, rate_rad_s: Array) -> Array:
@@ -149,8 +162,8 @@ def _state(
     return []
 
 
-def _night_counts(astrometry: Astrometry, mjd: Array, space: Flags) -> Rows:
-    """How many observations (n,) of the same object the same station made in the same night."""
+def _nights(astrometry: Astrometry, mjd: Array, space: Flags) -> tuple[Rows, Rows]:
+    """Number (n,) of the night of one station and object, and how many observations it holds."""
     station, which = np.unique(astrometry.station, return_inverse=True)
     turn = np.array([_longitude_turn(code) for code in station.tolist()])[which]
     rover = astrometry.roving
@@ -161,8 +174,8 @@ def _night_counts(astrometry: Astrometry, mjd: Array, space: Flags) -> Rows:
     _, group, count = np.unique(
         np.stack([which, night, body, place], axis=1), axis=0, return_inverse=True, return_counts=True
     )
-    counts: Rows = count[group.ravel()]
-    return counts
+    number: Rows = group.ravel()
+    return number, count[number]
 
 
 def _longitude_turn(code: str) -> float:

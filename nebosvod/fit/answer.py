@@ -162,15 +162,20 @@ def station_rows(found: OrbitFit) -> list[dict[str, Any]]:
 
 
 def rejected_rows(found: OrbitFit) -> list[dict[str, Any]]:
-    """Every observation left out, with its residual and chi, in the order of time."""
+    """Every observation left out, in the order of time: residual, sigma of the record and of the residual, chi."""
     general, records = found.general, found.material.astrometry
-    v = general.residual / ARCSEC
+    v, spread = general.residual / ARCSEC, general.spread / ARCSEC
+    R = found.material.total_noise(general.seen) / ARCSEC**2
     return [
         {
             "utc": str(records.utc[row]),
             "station": str(records.station[row]),
             "residual_ra_arcsec": float(v[row, 0]),
             "residual_dec_arcsec": float(v[row, 1]),
+            "sigma_ra_arcsec": float(np.sqrt(R[row, 0, 0])),
+            "sigma_dec_arcsec": float(np.sqrt(R[row, 1, 1])),
+            "residual_sigma_ra_arcsec": float(spread[row, 0]),
+            "residual_sigma_dec_arcsec": float(spread[row, 1]),
             "chi": _number(np.sqrt(general.chi2[row])),
             "file": str(records.path[row]),
             "line": int(records.line[row]),

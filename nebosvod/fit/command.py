@@ -9,6 +9,7 @@ from nebosvod.dynamics import Ephemeris
 from nebosvod.errors import InputError, NebosvodError, notes_of
 from nebosvod.fit.dates import chosen_dates
 from nebosvod.fit.outcome import every, fitted, mission_of, objects
+from nebosvod.fit.suggestion import writable, write_suggestion
 from nebosvod.fit.terminal import print_fit, print_line
 from nebosvod.mission import FitMission, load_fit
 from nebosvod.mission.fields import slug
@@ -46,14 +47,24 @@ def resolved(
 
 
 def fit_one(
-    mission: FitMission, folder: Path, overwrite: bool, as_json: bool, export: bool, say: Callable[[str], None]
+    mission: FitMission,
+    folder: Path,
+    overwrite: bool,
+    as_json: bool,
+    export: bool,
+    say: Callable[[str], None],
+    suggest: Path | None = None,
 ) -> bool:
-    """Fit one object, write its folder, print the answer; returns whether it failed."""
+    """Fit one object, write its folder, print the answer, write suggested settings; returns whether it failed."""
+    if suggest is not None:
+        writable(suggest, overwrite)
     with RunFolder(folder, overwrite=overwrite) as target:
         say("reading the observations")
         (records,) = objects(mission, split=False)
-        result, _ = fitted(mission, records, Ephemeris.load(mission.ephemeris_path), say, export=export)
+        result, found = fitted(mission, records, Ephemeris.load(mission.ephemeris_path), say, export=export)
         target.publish(result)
+    if suggest is not None:
+        write_suggestion(suggest, mission, found.fit.found, found.fit.epoch, overwrite)
     if as_json:
         click.echo(result.summary_text(), nl=False)
     else:

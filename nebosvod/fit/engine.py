@@ -14,12 +14,15 @@ from nebosvod.errors import CoverageError, EventError, GeometryError, InputError
 from nebosvod.estimation import Status
 from nebosvod.estimation.rejection import Thresholds
 from nebosvod.estimation.square_root import covariance_factor
-from nebosvod.fit.correction import Knowledge
+from nebosvod.fit.correction import Correction, Knowledge
 from nebosvod.fit.dates import dated
 from nebosvod.fit.general import General, estimate, widened
 from nebosvod.fit.growth import grow
+from nebosvod.fit.leading import Course, Led, convinced
 from nebosvod.fit.material import Material, prepare
 from nebosvod.fit.selection import Selected, select
+from nebosvod.fit.shared_errors import Records, SharedError
+from nebosvod.fit.sky import Sky
 from nebosvod.fit.verdict import Verdict, arc_words, verdict
 from nebosvod.mission import FitMission
 from nebosvod.observation.initial_orbit import StartingOrbit, attributable, candidates
@@ -46,6 +49,7 @@ class OrbitFit:
     lean : the last differential correction and its selection.
     general : the estimate with every source of error.
     verdict : how it ended, and whether it may be believed.
+    found : the tests of shared errors and missing forces.
     """
 
     mission: FitMission
@@ -55,6 +59,12 @@ class OrbitFit:
     general: General
     priors: PriorTable
     verdict: Verdict
+    found: Led
+
+    @property
+    def errors(self) -> tuple[SharedError, ...]:
+        """Errors that the records of a station share."""
+        return self.found.errors
 
     @property
     def epoch(self) -> Epoch:
@@ -105,6 +115,14 @@ def fit_object(
             wide, lean.correction.x, lean_forces, thresholds, selected=lean.selected, prior=prior,
             limit=mission.fit.iterations,
         )  # fmt: skip
+    say(f"{designation}: asking every station for shared errors")
+    course = Course(
+        material=material, records=_records(material, mission), treatment=mission.fit.of_shared_errors,
+        forces=lean_forces, thresholds=thresholds, prior=prior, limit=mission.fit.iterations,
+        skies=_skies(resolved, epoch, lean_forces),
+    )  # fmt: skip
+    found = convinced(course, sky, wide, lean)
+    material, sky, lean = found.material, found.sky, found.lean
     say(f"{designation}: estimating")
     values = dict(zip(solved, lean.correction.x[6:].tolist()))
     general = estimate(
@@ -117,8 +135,27 @@ def fit_object(
         lean=lean,
         general=general,
         priors=priors,
-        verdict=verdict(lean, general, material),
+        found=found,
+        verdict=verdict(found, general),
     )
+
+
+def _records(material: Material, mission: FitMission) -> Records:
+    """The records as tests of shared errors need them: what the settings say of a station is the user's affair."""
+    station = material.astrometry.station
+    named = [entry.stations for entry in mission.fit.uncertainty]
+    asked = np.array([not any(codes == "all" or code in codes for codes in named) for code in station.tolist()])
+    return Records(station=station, night=material.night, asked=asked)
+
+
+def _skies(mission: FitMission, epoch: Epoch, forces: ForceModel) -> Callable[[Material, Correction], tuple[Sky, Sky]]:
+    """A function that gives the sky of a material, and the same widened by what will be estimated."""
+
+    def skies(material: Material, near: Correction) -> tuple[Sky, Sky]:
+        sky = material.weighed(material.sky(epoch), near.seen)
+        return sky, widened(mission, material, sky, forces, near.state)
+
+    return skies
 
 
 def thresholds_of(mission: FitMission) -> Thresholds | None:

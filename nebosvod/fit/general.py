@@ -16,7 +16,7 @@ from nebosvod.assembly import Point, View, linear_problem, mean_errors
 from nebosvod.dynamics import ForceModel, propagate
 from nebosvod.errors import CoverageError, EventError
 from nebosvod.estimation import Estimate, LinearProblem, batch, gauss_newton
-from nebosvod.estimation.rejection import Thresholds, chi_squared, reselect, settled
+from nebosvod.estimation.rejection import Thresholds, chi_squared, reselect, settled, turning
 from nebosvod.fit.material import Material
 from nebosvod.fit.sky import Look, Sky, look
 from nebosvod.fit.stage import STATED, scene_of, view_of
@@ -39,6 +39,7 @@ class General:
     Attributes
     ----------
     residual : (n, 2) of every observation after the fit, estimated sources taken out, rad.
+    spread : (n, 2) standard deviation of each residual, noise and the orbit's error together, rad.
     chi2 : (n,) by the covariance of each residual.
     stands : whether another round would select the same; without, the rounds went in a circle or to their limit.
     """
@@ -48,6 +49,7 @@ class General:
     selected: Flags
     seen: Look
     residual: Array
+    spread: Array
     chi2: Array
     stands: bool = True
 
@@ -72,12 +74,17 @@ def estimate(
     selected : (n,) its selection.
     """
     history: list[Flags] = []
+    held = np.zeros(len(sky), dtype=bool)
     found = _once(mission, material, sky, forces, state, priors, selected)
     anew = any(source.error.treatment == "estimated" for source in mission.sources)
     while thresholds is not None and anew and found.fit.estimate.solution is not None:
-        latest = reselect(found.chi2, selected, thresholds, len(found.fit.estimate.names) // 2 + 1)
+        latest = reselect(found.chi2, selected, thresholds, len(found.fit.estimate.names) // 2 + 1, held)
         if np.array_equal(latest, selected):
             break
+        if settled(history, latest) and not held.any():
+            held = turning([*history, selected], latest)
+            latest = latest | held
+            history = []
         if settled(history, latest) or len(history) == ROUNDS:
             return replace(found, stands=False)
         history.append(selected)
@@ -160,8 +167,8 @@ def _once(
         history=None,
         mean_errors=mean_errors(scene, estimator, view.terms),
     )
-    residual, chi2 = _judged(scene, material, sky, fit, there, selected)
-    return General(scene=scene, fit=fit, selected=selected, seen=there, residual=residual, chi2=chi2)
+    residual, spread, chi2 = _judged(scene, material, sky, fit, there, selected)
+    return General(scene=scene, fit=fit, selected=selected, seen=there, residual=residual, spread=spread, chi2=chi2)
 
 
 def _with_means(view: View) -> View:
@@ -176,8 +183,10 @@ def _with_means(view: View) -> View:
     return View(point=point, trajectory=view.trajectory, observation=view.observation, terms=view.terms)
 
 
-def _judged(scene: Scene, material: Material, sky: Sky, fit: Fit, seen: Look, selected: Flags) -> tuple[Array, Array]:
-    """Residual (n, 2) and chi squared (n,) of every observation, selected or not.
+def _judged(
+    scene: Scene, material: Material, sky: Sky, fit: Fit, seen: Look, selected: Flags
+) -> tuple[Array, Array, Array]:
+    """Residual (n, 2), its standard deviation (n, 2) and chi squared (n,) of every observation, selected or not.
 
     Estimated nuisances common to many observations are taken out of the residuals; those of an observation that was
     left out and belongs to a station without any other are unknown, so their covariance joins its noise. So does that
@@ -186,7 +195,7 @@ def _judged(scene: Scene, material: Material, sky: Sky, fit: Fit, seen: Look, se
     estimate: Estimate = fit.estimate
     R, residual = sky.R.copy(), seen.residual.copy()
     if estimate.solution is None:
-        return residual, np.full(len(sky), np.nan)
+        return residual, np.sqrt(np.diagonal(R, axis1=1, axis2=2)), np.full(len(sky), np.nan)
     every = np.arange(len(sky))
     everyone = scene_of(cast(FitMission, scene.mission), material, scene.forces, fit.trajectory, every)
     whole = view_of(everyone, fit.point, material, fit.trajectory, seen, every)
@@ -209,7 +218,9 @@ def _judged(scene: Scene, material: Material, sky: Sky, fit: Fit, seen: Look, se
                 residual -= term.H[:, :, k] * fit.point.nuisances[name]
             elif term.treatment == "estimated":
                 R += term.covariance[k, k] * term.H[:, :, k, None] * term.H[:, None, :, k]
-    return residual, chi_squared(residual, R, H, estimate.S_formal, selected)
+    noise, orbit = np.diagonal(R, axis1=1, axis2=2), np.sum((H @ estimate.S_formal) ** 2, axis=2)
+    spread = np.sqrt(np.maximum(noise + np.where(selected, -1.0, 1.0)[:, None] * orbit, 1e-3 * noise))
+    return residual, spread, chi_squared(residual, R, H, estimate.S_formal, selected)
 
 
 def _marginal(term: White | Markov) -> Array:

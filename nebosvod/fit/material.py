@@ -4,7 +4,7 @@ files -> Astrometry -> one object, by time -> where each observer was, what each
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 
@@ -44,6 +44,7 @@ class Material:
     names, telescopes : those who observed, each once, in the order of their first observation; the sigma of a telescope
         is a mean one, for each record has its own weight.
     telescope_index : (n,) which of them made each observation.
+    night, thinning : (n,) number of the night of the station, and the factor in sigma for its many observations.
     notices : what a user should know about all this.
     """
 
@@ -58,6 +59,8 @@ class Material:
     names: tuple[str, ...]
     telescopes: tuple[Telescope, ...]
     telescope_index: npt.NDArray[np.int64]
+    night: npt.NDArray[np.int64]
+    thinning: Array
     notices: tuple[str, ...]
 
     def __len__(self) -> int:
@@ -109,6 +112,13 @@ class Material:
         """The sky with everything in its weights that is drawn anew at each record: noise, time, stated places."""
         return sky.weighed(self.total_noise(seen)) if self.has_timing or self.position_rows.size else sky
 
+    def lighter(self, added_rad2: Array, note: npt.NDArray[np.object_]) -> "Material":
+        """The same with more variance (n, 2), RA cos Dec and Dec, and a note (n,) of why in the rule."""
+        sigma = np.sqrt(self.sigma_rad**2 + added_rad2)
+        _, made, _ = _telescopes(self.observers, sigma)
+        rule = (self.rule.astype(object) + note).astype(np.str_)
+        return replace(self, sigma_rad=sigma, rule=rule, telescopes=made)
+
     def total_noise(self, seen: Look) -> Array:
         """Covariance (n, 2, 2), rad^2, of all that is drawn anew at each record: `noise`, and places as stated."""
         R, places = self.noise(seen), self.position_rows
@@ -156,7 +166,7 @@ def prepare(records: Astrometry, mission: FitMission, ephemeris: Ephemeris) -> M
     plan, records = mission.fit, records.by_time()
     places = telescopes(records, ephemeris, files=_spacecraft(mission))
     rules = mission.beside(plan.weights) if plan.weights is not None else None
-    found = weights.weigh(records, rules)
+    found = weights.weigh(records, rules, night_limit=plan.thins)
     found = found if rules is not None else stated_weights.kept(found, records)
     table = mission.beside(plan.debias) if plan.debias is not None else None
     correction, notices = debias.debias(records, table)
@@ -174,6 +184,8 @@ def prepare(records: Astrometry, mission: FitMission, ephemeris: Ephemeris) -> M
         names=names,
         telescopes=made,
         telescope_index=index,
+        night=found.night,
+        thinning=found.thinning,
         notices=tuple(dict.fromkeys((*records.notices, *places.notices, *found.notices, *notices))),
     )
 

@@ -4,6 +4,12 @@ from collections.abc import Iterator
 
 from nebosvod.mission import FitMission
 
+TREATED = {
+    "lighter": "a station that has one weighs as one record of its size",
+    "told": "told, weights left as they are",
+    "off": "not looked for",
+}
+
 
 def describe_fit(mission: FitMission) -> str:
     """The resolved file as lines for `nebosvod check`."""
@@ -27,6 +33,10 @@ def _lines(mission: FitMission) -> Iterator[str]:
     yield f"clocks           {plan.clock:g} s on the ground, the same all night{unless}"
     said = plan.rejection
     yield f"rejection        {f'above chi2 {said.reject:g}, back below {said.recover:g}' if said.enabled else 'off'}"
+    yield f"shared errors    {TREATED[plan.of_shared_errors]}"
+    limit = "four" if plan.night_limit is None else plan.night_limit
+    unless = "; all where uncertainty names the bias" if plan.night_limit is None else ""
+    yield f"nights           {'all records' if limit == 'off' else f'{limit} records'} weigh as independent{unless}"
     for parameter in mission.parameters:
         sigma = "" if parameter.sigma is None else f" +- {parameter.sigma:g}"
         yield f"parameter        {parameter.group} {parameter.value:g}{sigma}: {parameter.treatment}"

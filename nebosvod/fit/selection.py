@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from nebosvod.dynamics import ForceModel
 from nebosvod.estimation import Status
-from nebosvod.estimation.rejection import Thresholds, chi_squared, reselect, settled
+from nebosvod.estimation.rejection import Thresholds, chi_squared, reselect, settled, turning
 from nebosvod.fit.correction import LIMIT, Correction, Knowledge, correct
 from nebosvod.fit.sky import Sky
 
@@ -53,17 +53,23 @@ def select(
 
     Notes
     -----
-    Never fewer stay than determine the parameters with one observation to spare.
+    Never fewer stay than determine the parameters with one observation to spare. Observations that go to and fro agree
+    with the fit of the others, so they are kept; where the rounds still go in a circle, the selection does not stand.
     """
     chosen = np.ones(len(sky), dtype=bool) if selected is None else selected
     least = min(len(sky), len(x) // 2 + 1)
     history: list[Flags] = []
+    held = np.zeros(len(sky), dtype=bool)
     found = correct(sky, x, forces, selected=chosen, prior=prior, limit=limit)
     chi2 = judged(sky, found, chosen)
     while thresholds is not None and found.S is not None and len(history) < ROUNDS:
-        latest = reselect(chi2, chosen, thresholds, least)
+        latest = reselect(chi2, chosen, thresholds, least, held)
         if np.array_equal(latest, chosen):
             break
+        if settled(history, latest) and not held.any():
+            held = turning([*history, chosen], latest)
+            latest = latest | held
+            history = []
         if settled(history, latest) or found.status is Status.DIVERGED:
             return Selected(correction=found, selected=chosen, chi2=chi2, rounds=len(history), stands=False)
         history.append(chosen)

@@ -8,6 +8,7 @@ import numpy.typing as npt
 
 from nebosvod.fit.answer import Answer, rejected_rows, rms_arcsec, station_rows
 from nebosvod.fit.engine import OrbitFit
+from nebosvod.fit.findings import force_rows, notices, shared_rows
 from nebosvod.fit.orbit import OrbitAt, elements_block
 from nebosvod.fit.stage import beyond_tables
 from nebosvod.fit.verdict import arc_words
@@ -82,7 +83,11 @@ def fit_block(found: Answer) -> dict[str, Any]:
         "weights": _rules(material.rule),
         "stations": station_rows(fit),
         "rejected": rejected_rows(fit),
-        "notices": list(dict.fromkeys((*material.notices, *beyond_tables(general.scene)))),
+        "shared_errors": shared_rows(fit.found, general),
+        "missing_forces": force_rows(fit.found),
+        "notices": list(
+            dict.fromkeys((*material.notices, *beyond_tables(general.scene), *notices(fit.found, general)))
+        ),
     }
 
 

@@ -15,6 +15,7 @@ from nebosvod.outlook import answered, chance_words, event_words, impact_sentenc
 
 STATIONS_SHOWN = 8
 REJECTED_SHOWN = 8
+SHARED_SHOWN = 6
 BUDGET_SHOWN = 6
 PARAMETERS_SHOWN = 8
 DOUBT = "; not to be believed, see the warnings"
@@ -45,7 +46,7 @@ def print_fit(summary: Mapping[str, Any], folder: Path | None, console: Console 
         for line in _state_lines(summary):
             out.print(_plain(line))
     out.print(_stations(fit))
-    for line in (*_rejected(fit), *_budget(summary), *_predictions(summary), *_reference(summary)):
+    for line in (*_rejected(fit), *_tests(fit), *_budget(summary), *_predictions(summary), *_reference(summary)):
         out.print(_plain(line))
     for line in (*fit["notices"], *(f"warning: {text}" for text in summary["warnings"])):
         out.print(_plain(line))
@@ -141,9 +142,31 @@ def _rejected(fit: Mapping[str, Any]) -> Iterator[str]:
     for row in rows[:REJECTED_SHOWN]:
         yield (
             f"  {row['utc'][:19]}  {row['station']:<4} {row['residual_ra_arcsec']:+8.2f} "
-            f"{row['residual_dec_arcsec']:+8.2f} arcsec, chi {row['chi'] or float('nan'):.1f}"
+            f"{row['residual_dec_arcsec']:+8.2f} arcsec, chi {row['chi'] or float('nan'):.1f}, sigma "
+            f"{_pair(row, 'sigma')} of the record, {_pair(row, 'residual_sigma')} of the residual"
             f"  {Path(row['file']).name}:{row['line']}"
         )
+
+
+def _pair(row: Mapping[str, Any], what: str) -> str:
+    """Two numbers of RA* and Dec, one where they are alike."""
+    ra, dec = (f"{row[f'{what}_{axis}_arcsec']:.2g}" for axis in ("ra", "dec"))
+    return ra if ra == dec else f"{ra}, {dec}"
+
+
+def _tests(fit: Mapping[str, Any]) -> Iterator[str]:
+    """What the score tests found, each a line."""
+    forces = [
+        f"{row['name']} {row['sigmas_before']:.1f} and {row['sigmas_after']:.1f}" for row in fit["missing_forces"]
+    ]
+    if forces:
+        yield f"Score tests of forces left out, sigmas by all records and by those selected: {'; '.join(forces)}"
+    for row in fit["shared_errors"][:SHARED_SHOWN]:
+        yield f"Shared error: {row['told']}"
+        yield f"  mend it: uncertainty: [{row['settings']}]"
+    if len(fit["shared_errors"]) > SHARED_SHOWN:
+        more = len(fit["shared_errors"]) - SHARED_SHOWN
+        yield f"  and {more} more (all in summary.json; --suggest writes the settings)"
 
 
 def _budget(summary: Mapping[str, Any]) -> Iterator[str]:

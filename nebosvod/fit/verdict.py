@@ -11,9 +11,10 @@ from scipy.stats import chi2 as chi_square
 from nebosvod.dynamics.elements import state_to_cometary
 from nebosvod.errors import counted
 from nebosvod.estimation import Status
+from nebosvod.fit.findings import findings
 from nebosvod.fit.general import General
+from nebosvod.fit.leading import Led
 from nebosvod.fit.material import Material
-from nebosvod.fit.selection import Selected
 from nebosvod.mission import FitMission
 from nebosvod.mission.fit import FitPlan
 from nebosvod.prior import STATE_NAMES
@@ -22,6 +23,7 @@ from nebosvod.timescale import SECONDS_PER_DAY
 Array = npt.NDArray[np.float64]
 DISTANCE = 0.3  # sigma of the distance over the distance, beyond which the arc does not tell how far the object is
 UNBOUND = 3.0  # sigmas of e that a hyperbola must lie above 1 to be believed
+CIRCLE = "the selection of observations went in a circle or to its limit of rounds, and was kept as it was"
 LEFT_OUT = 0.5  # of the observations: a fit that rejects more fits something else
 DOUBTED = 1e-2  # probability of so large a chi squared by chance, below which a reader is warned
 REFUSED, TIMES = 1e-6, 3.0  # rarer than this, and so many times too large: the sigmas of the orbit say nothing
@@ -48,32 +50,30 @@ class Verdict:
         return self.status is not Status.CONVERGED
 
 
-def verdict(lean: Selected, general: General, material: Material) -> Verdict:
-    """Judge a fit."""
+def verdict(found: Led, general: General) -> Verdict:
+    """Judge a fit by its estimate and by the tests made on the way."""
+    lean, material = found.lean, found.material
     rejected = int((~general.selected).sum())
     few = [f"{rejected} of {counted(len(material), 'observation')} were rejected: this orbit is not theirs"]
     few = few if rejected > LEFT_OUT * len(material) else []
+    circle = [] if lean.stands and general.stands else [CIRCLE]
     chance, times, words = _misfit(general)
     large = [words] if chance < DOUBTED else []
-    cautions = [*few, *large, *_kept(general, material)]
-    if not (lean.stands and general.stands):
-        cautions.append(
-            "the selection of observations went in a circle or to its limit of rounds, and was kept as it was"
-        )
+    cautions = (*few, *circle, *large, *_kept(general, material), *findings(found, general))
     status = lean.correction.status
     if status is Status.CONVERGED:
         status = general.fit.status
     if general.fit.estimate.solution is None or status is Status.NOT_OBSERVABLE:
-        return Verdict(status=Status.NOT_OBSERVABLE, message=_weak(general), cautions=tuple(cautions))
+        return Verdict(status=Status.NOT_OBSERVABLE, message=_weak(general), cautions=cautions)
     vague = _vague(general, material)
     if vague:
-        return Verdict(status=Status.NOT_OBSERVABLE, message=vague, cautions=tuple(cautions))
+        return Verdict(status=Status.NOT_OBSERVABLE, message=vague, cautions=cautions)
     if status is Status.ITERATION_LIMIT:
         message = f"{status.sentence} Raise fit.iterations (now {_plan(general).iterations})."
-        return Verdict(status=status, message=message, cautions=tuple(cautions))
-    if status is Status.CONVERGED and (few or (chance < REFUSED and times > TIMES)):
-        return Verdict(status=Status.DIVERGED, message=cautions[0], cautions=tuple(cautions[1:]))
-    return Verdict(status=status, message=status.sentence, cautions=tuple(cautions))
+        return Verdict(status=status, message=message, cautions=cautions)
+    if status is Status.CONVERGED and (few or circle or (chance < REFUSED and times > TIMES)):
+        return Verdict(status=Status.DIVERGED, message=cautions[0], cautions=cautions[1:])
+    return Verdict(status=status, message=status.sentence, cautions=cautions)
 
 
 def _plan(general: General) -> FitPlan:

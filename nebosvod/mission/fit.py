@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field, PrivateAttr
@@ -29,6 +29,7 @@ from nebosvod.mission.spacecraft import OemFile, Spk, Tabulated
 from nebosvod.mission.target import LOGARITHMS, Orbit, Target
 from nebosvod.mission.telescope import Telescope
 from nebosvod.mission.uncertainty import Bias, Position, Timing
+from nebosvod.observation.weights import NIGHT_LIMIT
 from nebosvod.timescale import Epoch
 
 Complaint = tuple[KeyPath, str]
@@ -130,6 +131,16 @@ class Rejection(Block):
         return []
 
 
+class SharedErrors(Block):
+    """What happens to a station whose records share an error that their weights do not know."""
+
+    treatment: Literal["lighter", "told", "off"] | None = Field(
+        None,
+        description="lighter: it weighs as one record of that size; told: its weight stays; off: nobody asks. "
+        "lighter if absent, told where rejection is off",
+    )
+
+
 class Reference(Block):
     """An orbit to compare with, in sigmas; its covariance too, where it has one."""
 
@@ -182,6 +193,12 @@ class FitPlan(Block):
     weights: Text | None = Field(None, description="A table of weight rules that come before the built-in ones")
     debias: Text | None = Field(None, description="The table of star-catalogue biases (Eggl et al. 2020)")
     rejection: Rejection = Rejection()
+    shared_errors: SharedErrors = SharedErrors()
+    night_limit: Annotated[int, Field(ge=1, le=100000)] | Literal["off"] | None = Field(
+        None,
+        description="Records of one station in one night that weigh as independent; off: all. 4 if absent, off for "
+        "stations of which uncertainty names a bias that is estimated or considered",
+    )
     uncertainty: Annotated[Several[StationUncertainty], Field(max_length=1000)] = ()
     spacecraft: dict[Text, StationOrbit] = Field(default_factory=dict, description="Trajectories, by station")
     epoch: When | None = Field(None, description="Of the answer; 0h TDB amid the observations when absent")
@@ -192,6 +209,23 @@ class FitPlan(Block):
     )
     noise_scale: PositiveNumber = Field(1.0, description="Factor on every sigma of the observations")
     reference: Reference | None = None
+
+    @property
+    def of_shared_errors(self) -> str:
+        """What happens to a station with a shared error; with rejection off its weight stays."""
+        return self.shared_errors.treatment or ("lighter" if self.rejection.enabled else "told")
+
+    def thins(self, station: str) -> int | None:
+        """How many records of a night of a station weigh as independent; None where all do."""
+        if self.night_limit is not None:
+            return None if self.night_limit == "off" else self.night_limit
+        named = (
+            entry.bias is not None
+            and entry.bias.treatment in ("estimated", "considered")
+            and (entry.stations == "all" or station in entry.stations)
+            for entry in self.uncertainty
+        )
+        return None if any(named) else NIGHT_LIMIT
 
     def complaints(self) -> list[Complaint]:
         """The dates leave room between them."""

@@ -110,7 +110,7 @@ def test_residuals_of_the_stations_are_those_of_the_table(compared):
 
 
 def test_a_considered_bias_makes_the_sigma_larger_and_is_named(compared, tmp_path):
-    more = "  uncertainty:\n    - {stations: all, bias: {sigma: 0.3 arcsec, treatment: considered}}\n"
+    more = "  uncertainty:\n    - {stations: all, bias: {sigma: 0.3 arcsec, treatment: considered}}\n  night_limit: 4\n"
     found = fitted(tmp_path, more)
     orbit = found["orbit"]
     # dense algebra on the arrays of the run

@@ -40,7 +40,7 @@ STATE = np.array([-1.62e8, 5.6e7, 2.4e7, -13.0, -26.0, -9.0])
 SITES, SPACE = ("F51", "W94", "568"), "C57"
 TREATMENTS = ("estimated", "considered", "ignored")
 BLANK = {"permID": "1", "mode": "CCD", "ra": "1", "dec": "1"}
-KEEP = "  rejection: {enabled: false}\n"
+KEEP = "  rejection: {enabled: false}\n  night_limit: 4\n"
 FILE = f"  spacecraft: {{{SPACE}: {{kind: oem, file: craft.oem}}}}\n"
 SIGMA = 0.2  # arcsec, of every direction
 GM_EARTH, GM_MOON, GM_SUN = 398600.4418, 4902.80, 1.32712e11  # km^3/s^2
@@ -363,9 +363,15 @@ def test_a_drift_of_a_space_telescope_is_recovered_and_spoils_the_orbit_of_who_d
     assert one.chi2 < 22.5
     assert one.summary["fit"]["n_rejected"] <= 2
     without, trusting = fit(error=error), fit(more=KEEP, error=error)
-    # expected 6; here 164 with every observation kept, 53 after rejection, 4.4 with the drift
+    # expected 6; here 164 with every observation kept, 4.4 with the drift; the default finds it and leans on it less
     assert trusting.chi2 > 100.0
-    assert without.chi2 > 30.0
+    assert without.chi2 < 22.5
+    (said,) = without.summary["fit"]["shared_errors"]
+    assert (said["station"], said["kind"]) == (SPACE, "drift")
+    assert said["sigmas"]["drift"] > 5.0
+    assert said["estimate"][0] == pytest.approx(rate, abs=3.5 * said["sigma"][0])
+    as_before = fit(more="  shared_errors: {treatment: told}\n", error=error)
+    assert as_before.chi2 > 30.0
 
 
 def test_large_errors_drawn_anew_reject_nobody(fit, world):

@@ -150,9 +150,9 @@ def test_known_errors_that_are_estimated_count_as_degrees_of_freedom(fit):
 def test_more_than_half_rejected_is_no_orbit(fit):
     found = fit()
     selected = np.arange(30) < 15
-    assert not verdict(found.lean, replace(found.general, selected=selected), found.material).failed
+    assert not verdict(found.found, replace(found.general, selected=selected)).failed
     selected[0] = False
-    judged = verdict(found.lean, replace(found.general, selected=selected), found.material)
+    judged = verdict(found.found, replace(found.general, selected=selected))
     assert judged.status is Status.DIVERGED
     assert judged.message.startswith("16 of 30 observations were rejected")
 
@@ -215,8 +215,10 @@ def test_a_selection_that_does_not_stand_is_said(fit, monkeypatch):
     monkeypatch.setattr(nebosvod.fit.general, "reselect", lambda chi2, chosen, *more: chosen ^ ~fewer)
     general = again(found, fewer)
     assert not general.stands
-    assert any("circle" in text for text in verdict(found.lean, general, found.material).cautions)
-    assert not any("circle" in text for text in verdict(found.lean, found.general, found.material).cautions)
+    judged = verdict(found.found, general)
+    assert judged.failed
+    assert "circle" in judged.message
+    assert not any("circle" in text for text in (found.verdict.message, *found.verdict.cautions))
 
 
 def test_no_default_clock_where_timing_is_a_source(made, ephemeris, capsys):

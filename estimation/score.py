@@ -1,0 +1,180 @@
+"""Score tests: whether measurements tell of a parameter that the estimate has held at zero.
+
+C. R. Rao's test looks at the slope of the cost where the estimate without the parameter stands, so that one linear
+solve answers what another fit would. The answer here is scaled by what the residuals really scatter, by measurement and
+by cluster: an absolute threshold would never fire where the stated sigmas are too large, and always where errors of
+one night are alike.
+
+References
+----------
+Rao 1948, Proc. Camb. Phil. Soc. 44, 50: the score test.
+White 1982, Econometrica 50, 1; Liang and Zeger 1986, Biometrika 73, 13: variances from the residuals by cluster.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.stats import chi2 as chi_square
+from scipy.stats import norm
+
+Array = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
+Rows = npt.NDArray[np.int64]
+TRIMMED = 4.0  # robust sigmas of the whitened residual, beyond which a measurement says nothing of a common parameter
+TRIMS = 4
+FEW = 8  # measurements, below which none is trimmed
+FEW_FREE = 20  # degrees of freedom, below which the scatter of the residuals may enlarge a variance, never lessen it
+CLUSTERS = 10  # fewer do not tell a variance
+UNSEEN = 1e-9  # of its information that the other parameters leave to one: it cannot be told from them
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Score:
+    """What the measurements say of k parameters held at zero.
+
+    Attributes
+    ----------
+    estimate, covariance : (k,) and (k, k), as a fit with them would find to first order, scaled by the residuals.
+    statistic : estimate^T covariance^-1 estimate: chi squared with k degrees of freedom if they are zero.
+    explained : by how much chi squared would drop, as the weights count it.
+    used : (m,) which measurements were not trimmed.
+    scatter : variance of the whitened residuals that are left, one where the stated sigmas are right.
+    """
+
+    estimate: Array
+    covariance: Array
+    statistic: float
+    explained: float
+    used: Flags
+    scatter: float
+
+    @property
+    def significance(self) -> float:
+        """The statistic as that many sigmas of one normal number."""
+        return sigmas(self.statistic, len(self.estimate))
+
+    def part(self, columns: slice) -> float:
+        """Significance of some of the parameters, the others free."""
+        estimate, covariance = self.estimate[columns], self.covariance[columns, columns]
+        return sigmas(float(estimate @ np.linalg.solve(covariance, estimate)), len(estimate))
+
+
+def sigmas(statistic: float, freedom: int) -> float:
+    """As many sigmas of one normal number as chi squared with these degrees of freedom is rare."""
+    chance = float(chi_square.sf(statistic, freedom))
+    if chance > 1e-280:
+        return float(norm.isf(chance / 2.0))
+    return float(np.sqrt(max(statistic - (freedom - 1) * np.log(max(statistic, 1.0)), 0.0)))
+
+
+def score_test(
+    q: Array,
+    B: Array,
+    G: Array,
+    information: Array,
+    slope: Array,
+    inside: Flags,
+    cluster: Rows,
+    *,
+    everyone: bool = False,
+) -> Score | None:
+    """Test k parameters that m measurements share; None where the measurements cannot tell them from the others.
+
+    Parameters
+    ----------
+    q : shape (m, p), whitened residuals of the measurements in question.
+    B, G : shape (m, p, s) and (m, p, k), their whitened partials by the parameters of the estimate, and by the new.
+    information : shape (s, s), B^T B over all measurements that made the estimate, and its prior.
+    slope : shape (s,), B^T q over the same; zero where the estimate has converged.
+    inside : shape (m,), which of these m measurements made the estimate.
+    cluster : shape (m,), number of the group within which errors may be alike, such as a night of a station.
+    everyone : whether to begin with measurements that the estimate left out, where most are in it; trimmed they are
+        in any case.
+
+    Notes
+    -----
+    With N, g of all measurements, M = N_cc - N_cx N_xx^-1 N_xc and g_eff = g_c - N_cx N_xx^-1 g_x:
+    estimate = M^-1 g_eff. Its covariance is the larger of s^2 M^-1, s^2 the scatter of what is left, and
+    M^-1 (sum over clusters of u u^T) M^-1, u the sum of Z^T (q - what is explained), Z = G - B N_xx^-1 N_xc; where the
+    answer rests on few clusters, s^2 is at least one. Records count in s^2 as they pull the answer. The slope of
+    measurements left out of the estimate is counted in, so that a whole group that was rejected is tested like one
+    that was not.
+    """
+    trusting = everyone or inside.mean() <= 0.5  # else gross errors would lead
+    used = np.ones(len(q), dtype=np.bool_) if trusting else inside.copy()
+    found = _solved(q, B, G, information, slope, inside, used)
+    middle = float(np.sqrt(chi_square.median(q.shape[1])))
+    for _ in range(TRIMS if len(q) >= FEW else 0):
+        if found is None:
+            return None
+        size = np.linalg.norm(found[2], axis=1)
+        kept = size <= TRIMMED * max(float(np.median(size[used])), 1e-300) / middle
+        if np.array_equal(kept, used) or kept.sum() <= len(q) // 2:
+            break
+        used = kept
+        found = _solved(q, B, G, information, slope, inside, used)
+    if found is None:
+        return None
+    estimate, M, left, Z = found
+    k, m = len(estimate), int(used.sum())
+    freedom = q.shape[1] * m - k
+    pull = np.sum(Z[used] ** 2, axis=(1, 2))  # a scatter is that of the measurements the answer rests on
+    size = np.sum(left[used] ** 2, axis=1)
+    scatter = float(m * (pull @ size) / pull.sum()) / freedom if freedom > 0 else 1.0
+    _, which = np.unique(cluster[used], return_inverse=True)
+    shares = np.bincount(which.ravel(), pull)
+    by_cluster = shares.sum() ** 2 / np.sum(shares**2) >= max(CLUSTERS, k) and len(shares) >= 2 * k
+    sure = freedom >= FEW_FREE and by_cluster
+    covariance = np.linalg.solve(M, np.eye(k)) * (scatter if sure else max(scatter, 1.0))
+    explained = float(estimate @ M @ estimate)
+    statistic = float(estimate @ np.linalg.solve(covariance, estimate))
+    if by_cluster:
+        wide = _clustered(M, Z[used], left[used], which.ravel(), len(shares))
+        apart = float(estimate @ np.linalg.solve(wide, estimate))
+        if apart < statistic:
+            covariance, statistic = wide, apart
+    return Score(
+        estimate=estimate, covariance=covariance, statistic=statistic, explained=explained, used=used, scatter=scatter
+    )
+
+
+def _solved(
+    q: Array, B: Array, G: Array, information: Array, slope: Array, inside: Flags, used: Flags
+) -> tuple[Array, Array, Array, Array] | None:
+    """Estimate (k,), M (k, k), what is left of the residuals (m, p) and Z (m, p, k); None where M is singular."""
+    more, less = used & ~inside, inside & ~used
+    N = information + _square(B[more], B[more]) - _square(B[less], B[less])
+    g = slope + _slope(B[more], q[more]) - _slope(B[less], q[less])
+    N_cx = _square(G[used], B[used])
+    N_cc = _square(G[used], G[used])
+    scale = np.sqrt(np.diag(N))
+    if not (scale > 0.0).all() or not (np.diag(N_cc) > 0.0).all():
+        return None
+    P = np.linalg.lstsq(N / np.outer(scale, scale), (N_cx / scale).T, rcond=1e-13)[0] / scale[:, None]
+    M = N_cc - N_cx @ P
+    size = np.sqrt(np.diag(N_cc))
+    if np.linalg.eigvalsh(M / np.outer(size, size))[0] < UNSEEN:
+        return None
+    estimate = np.linalg.solve(M, _slope(G[used], q[used]) - P.T @ g)
+    shift = np.linalg.lstsq(N / np.outer(scale, scale), (g - N_cx.T @ estimate) / scale, rcond=1e-13)[0] / scale
+    left = q - G @ estimate - B @ shift
+    return estimate, M, left, G - B @ P
+
+
+def _clustered(M: Array, Z: Array, left: Array, which: Rows, counted: int) -> Array:
+    """The covariance (k, k) that the scatter of the clusters gives."""
+    u = np.zeros((counted, len(M)))
+    np.add.at(u, which, np.einsum("mpk,mp->mk", Z, left))
+    half = np.linalg.solve(M, u.T)
+    return np.asarray(half @ half.T * (counted / (counted - len(M))), dtype=np.float64)
+
+
+def _square(first: Array, second: Array) -> Array:
+    """Sum over measurements of first^T second."""
+    return np.tensordot(first, second, axes=([0, 1], [0, 1]))
+
+
+def _slope(first: Array, q: Array) -> Array:
+    """Sum over measurements of first^T q."""
+    return np.tensordot(first, q, axes=([0, 1], [0, 1]))
