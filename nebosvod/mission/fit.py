@@ -29,12 +29,12 @@ from nebosvod.mission.spacecraft import OemFile, Spk, Tabulated
 from nebosvod.mission.target import LOGARITHMS, Orbit, Target
 from nebosvod.mission.telescope import Telescope
 from nebosvod.mission.uncertainty import Bias, Position, Timing
-from nebosvod.observation.weights import NIGHT_LIMIT
 from nebosvod.timescale import Epoch
 
 Complaint = tuple[KeyPath, str]
 NOT_HERE = ("telescopes", "shared", "schedule", "estimators", "monte_carlo", "noise_to_nuisance", "reference_epoch")
 MAX_FILES = 1000
+NIGHT_LIMIT = 4  # that of observation.weights, which is too heavy to be loaded for it
 MAX_NAMES = 100
 J2000 = "2000-01-01T12:00:00 TDB"
 TITLES: dict[str, str] = {"bias": "bias", "position": "telescope position", "timing": "timing"}

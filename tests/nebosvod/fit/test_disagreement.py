@@ -17,6 +17,8 @@ from nebosvod.fit.engine import fit_object
 from nebosvod.fit.orbit import orbit_at
 from nebosvod.fit.sky import Sky, look
 from nebosvod.mission import FitMission
+from nebosvod.mission.fit import NIGHT_LIMIT
+from nebosvod.observation import weights
 from nebosvod.observation.astrometry_files import read_astrometry
 from nebosvod.observation.direction import offset
 from nebosvod.observation.observers import telescopes
@@ -313,6 +315,7 @@ def test_night_thinning_is_a_key_and_off_where_the_bias_is_named(world):
         dense = material.astrometry.t_s + (material.astrometry.epoch - EPOCH)
         mine = (material.astrometry.station == "F51") & (dense > 0.0) & (dense < 0.2 * DAY)
         sigma[name] = material.sigma_rad[mine].max() / ARCSEC
+    assert NIGHT_LIMIT == weights.NIGHT_LIMIT
     expected = {"default": 0.6, "off": 0.3, "nine": 0.4, "named": 0.3, "both": 0.6}
     for name, value in expected.items():
         assert sigma[name] == pytest.approx(value, rel=1e-3), name
