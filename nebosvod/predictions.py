@@ -390,11 +390,11 @@ def _too_large(one: Quantity, estimate: Estimate) -> str | None:
         return None
     sigma = estimate.predict(*known_partials(one, estimate)).factor
     axes = np.linalg.svd(sigma, compute_uv=False)
-    radius = 1.0 / ARCSEC if sky else SURFACE_KM[one.facts["body"]]
+    radius = 1.0 / ARCSEC if sky else SURFACE_KM[one.facts["body"]] + one.facts["altitude_km"]
     if axes[0] < radius:
         return None
     size = " x ".join(f"{axis * ARCSEC / np.radians(1.0) if sky else axis:.4g}" for axis in axes)
-    what = "deg, larger than the sky" if sky else f"km, larger than {one.facts['body']}, on which it would lie"
+    what = "deg, larger than the sky" if sky else f"km, larger than {one.facts['body']} at that altitude"
     return f"the 1 sigma ellipse would be {size} {what}: this orbit does not tell where; ask for b_plane" + (
         " or rtn" if sky else ""
     )

@@ -158,7 +158,7 @@ def test_an_ellipse_larger_than_the_earth_is_no_answer_on_it(
     path = written(tmp_path, IMPACTOR.replace("SECOND\n", "") + FALL + TARGET)
     assert main(["run", str(path), "-o", str(tmp_path / "run")]) == 1
     text = capsys.readouterr().out
-    assert "larger than earth" in text
+    assert "larger than earth at that altitude" in text
     assert "probability of impact 0.0294 (linear)" in text
     row, target = summary_of(tmp_path / "run")["predictions"]
     assert row["status"] == "too_uncertain"
