@@ -13,10 +13,10 @@ import numpy as np
 
 from nebosvod.assembly import computed_psi, nominal_point, view
 from nebosvod.mission import load_mission
-from nebosvod.montecarlo import Estimating, generator, measured_truth
 from nebosvod.observation import residual
 from nebosvod.prior import prior_table
 from nebosvod.scene import build_scene
+from nebosvod.trial import Setting, generator, measured_truth
 from nebosvod.validate import validate
 
 
@@ -38,12 +38,11 @@ def measured(name: str, runs: int) -> str:
     nominal = view(scene, nominal_point(scene))
     computed = computed_psi(nominal)
     started = time.perf_counter()
-    estimating = Estimating.of(scene, mission.estimators[0], nominal, priors)
+    setting = Setting.at(scene, nominal, priors, mission.estimators[:1])
+    (estimating,) = setting.estimating
     ready = time.perf_counter() - started
     started = time.perf_counter()
-    residuals = np.array(
-        [residual(measured_truth(scene, nominal, priors, generator(0, i))[0], computed) for i in range(100)]
-    )
+    residuals = np.array([residual(measured_truth(setting, generator(0, i))[0], computed) for i in range(100)])
     drawing = (time.perf_counter() - started) / 100
     started = time.perf_counter()
     means = estimating.means(residuals)

@@ -89,10 +89,10 @@ def gauss_newton(
     problem = linearise(point)
     names = problem.names("estimated")
     point = {name: float(point.get(name, 0.0)) for name in names}
-    costs, lengths, dampings = [cost(_recentred(problem, point))], [], []
+    costs, lengths, dampings = [cost(recentred(problem, point))], [], []
     status = Status.ITERATION_LIMIT
-    estimate = solve(_recentred(problem, point))
-    allowed = costs[0] if damped else max(costs[0], _linear_cost(_recentred(problem, point), estimate))
+    estimate = solve(recentred(problem, point))
+    allowed = costs[0] if damped else max(costs[0], _linear_cost(recentred(problem, point), estimate))
     for _ in range(limit):
         if estimate.solution is None:
             status = Status.NOT_OBSERVABLE
@@ -114,7 +114,7 @@ def gauss_newton(
         point, problem, value, fraction = found
         costs.append(value)
         dampings.append(fraction)
-        estimate = solve(_recentred(problem, point))
+        estimate = solve(recentred(problem, point))
     return IterationResult(
         estimate=_about_start(estimate, point),
         status=status,
@@ -147,6 +147,15 @@ def cost(problem: LinearProblem) -> float:
     return total
 
 
+def recentred(problem: LinearProblem, point: Mapping[str, float]) -> LinearProblem:
+    """Express the priors, given about the start of an iteration, about a point given by deviations from that start."""
+    priors = tuple(
+        replace(prior, mean=np.asarray(prior.mean) - np.array([point.get(name, 0.0) for name in prior.names]))
+        for prior in problem.priors
+    )
+    return replace(problem, priors=priors)
+
+
 def step_length(estimate: Estimate) -> float:
     """Length of a step from the linearisation point in sigmas: root mean square over independent directions."""
     whitened = whiten(estimate.S_formal, estimate.mean)
@@ -169,16 +178,7 @@ def _linear_cost(problem: LinearProblem, estimate: Estimate) -> float:
     for block in problem.blocks:
         if block.treatment == "estimated":
             moved -= block.H @ np.array([step[name] for name in block.names])
-    return cost(_recentred(replace(problem, residual=moved), step))
-
-
-def _recentred(problem: LinearProblem, point: Mapping[str, float]) -> LinearProblem:
-    """Express the priors of estimated parameters, given about the start, about the point."""
-    priors = tuple(
-        replace(prior, mean=np.asarray(prior.mean) - np.array([point.get(name, 0.0) for name in prior.names]))
-        for prior in problem.priors
-    )
-    return replace(problem, priors=priors)
+    return cost(recentred(replace(problem, residual=moved), step))
 
 
 def _damped(
@@ -204,7 +204,7 @@ def _tried(
     trial = {name: point[name] + fraction * step for name, step in zip(estimate.names, estimate.mean)}
     try:
         problem = linearise(trial)
-        return trial, problem, cost(_recentred(problem, trial)), fraction
+        return trial, problem, cost(recentred(problem, trial)), fraction
     except (InputError, CoverageError, EventError):
         return None  # the start was good; a step may lead out of the domain, or to where values overflow
 

@@ -78,9 +78,14 @@ class Innovations:
     true: Array | None
 
     @classmethod
-    def of(cls, problem: LinearProblem) -> "Innovations | None":
-        """Prepare the pass; None when the measurements never determine the parameters well."""
-        first = first_determined(problem)
+    def of(cls, problem: LinearProblem, first: int | None = None) -> "Innovations | None":
+        """Prepare the pass; None when the measurements never determine the parameters well.
+
+        Parameters
+        ----------
+        first : measurements that only start it; by default as few as determine the parameters.
+        """
+        first = first_determined(problem) if first is None else first
         if first is None:
             return None
         head = subset(problem, np.arange(problem.n) < first)
@@ -109,7 +114,7 @@ class Innovations:
     def squares(self, residuals: Array) -> tuple[Array, Array | None]:
         """Normalised squares (N, n - first) of the innovations for residuals (N, n, p): as believed, and in truth."""
         partition = Partition.of(self.problem)
-        rows = np.ascontiguousarray(residuals.transpose(1, 2, 0))
+        rows = np.array(residuals.transpose(1, 2, 0), order="C")  # a copy, also of a single vector
         assumed = np.concatenate([partition.mean, partition.left_out_mean])
         raw = raw_rows(replace(self.problem, residual=residuals[0]), partition)
         size = len(partition.estimated)

@@ -144,9 +144,10 @@ def _monte_carlo(
     from scipy.special import chdtri
 
     kept = [index for index, name in enumerate(names) if name in sample.names]
-    errors = sample.spread[:, [sample.names.index(names[index]) for index in kept]] @ W[:, kept].T
-    square = np.sum(errors**2, axis=0)  # about the mean that sources left out promise: any other mean is an error
-    runs, tail = len(errors), 0.5 * (1.0 - CONFIDENCE)
+    known = [names[index] for index in kept]
+    # about the mean that sources left out promise: any other mean is an error
+    square = sample.scatter(W[:, kept], known, np.linalg.norm(W[:, kept] @ fit.estimate.factor(known), axis=1))
+    runs, tail = len(sample.errors), 0.5 * (1.0 - CONFIDENCE)
     ends = [np.sqrt(square / float(chdtri(runs, p))) for p in (tail, 1.0 - tail)]
     return np.sqrt(square / runs), np.stack(ends, axis=1), None
 

@@ -8,7 +8,7 @@ import json
 import math
 import os
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -19,21 +19,16 @@ import numpy as np
 import numpy.typing as npt
 
 from nebosvod import __version__
-from nebosvod.assembly import View, computed_psi, nominal_point, view
+from nebosvod.assembly import computed_psi
 from nebosvod.chunk import CHUNKS, KEPT, chunk_path, read_chunk, write_chunk
-from nebosvod.errors import EventError, InputError, OutputError, listed
-from nebosvod.estimation import Block, Markov, White
+from nebosvod.errors import InputError, OutputError, listed
 from nebosvod.estimation.repeated import Innovations
-from nebosvod.fitting import fit
 from nebosvod.lock import Lock
 from nebosvod.mission import Mission, load_mission
-from nebosvod.montecarlo import Estimating, generator, measured_truth
-from nebosvod.observation import residual
+from nebosvod.observation import Observation, residual
 from nebosvod.ownership import MARK, files_in, is_regular, marked, sha256_of
-from nebosvod.prior import PriorTable, prior_table
 from nebosvod.recognise import is_validation, read_json
-from nebosvod.scene import Scene, build_scene
-from nebosvod.truth import Truth, draw
+from nebosvod.trial import Estimating, Setting, generator, iterated, measured_truth, possible
 from nebosvod.wholefile import FRESH, reason, refuse_link, require_place, write_whole
 
 Array = npt.NDArray[np.float64]
@@ -242,46 +237,21 @@ def hashes_listed(record: Mapping[str, Any]) -> dict[str, str]:
     return {str(name): str(value) for name, value in found.items()} if isinstance(found, dict) else {}
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Setting:
-    """What every run of a campaign starts from."""
+def passes(setting: Setting) -> list[Innovations | None]:
+    """The sequential pass of each estimator, where there is one; estimators that treat all alike share one.
 
-    scene: Scene
-    priors: PriorTable
-    nominal: View
-    estimating: tuple[Estimating, ...]
-
-    @classmethod
-    def of(cls, mission: Mission) -> "Setting":
-        """Build scene, nominal point and estimators of a mission."""
-        scene = build_scene(mission)
-        priors = prior_table(mission, scene.forces, scene.state)
-        nominal = view(scene, nominal_point(scene))
-        found = tuple(Estimating.of(scene, estimator, nominal, priors) for estimator in mission.estimators)
-        return cls(scene=scene, priors=priors, nominal=nominal, estimating=found)
-
-    def passes(self) -> list[Innovations | None]:
-        """The sequential pass of each estimator, where there is one; estimators that treat all alike share one.
-
-        An estimator with a gain of its own has other innovations than these: none are judged for it.
-        """
-        made: dict[tuple[str, ...], Innovations | None] = {}
-        found: list[Innovations | None] = []
-        for one in self.estimating:
-            key = _treatments(one)
-            if one.repeated is None or one.base.n > NIS_ROWS:
-                found.append(None)
-                continue
-            if key not in made:
-                made[key] = Innovations.of(one.base)
-            found.append(made[key])
-        return found
-
-
-def _treatments(one: Estimating) -> tuple[str, ...]:
-    """What makes the problem of an estimator: the treatment of every source, in order."""
-    groups: tuple[Block | White | Markov, ...] = (*one.base.blocks, *one.base.white, *one.base.markov)
-    return tuple(group.treatment for group in groups)
+    An estimator with a gain of its own has other innovations than these: none are judged for it.
+    """
+    made: dict[tuple[str, ...], Innovations | None] = {}
+    found: list[Innovations | None] = []
+    for one in setting.estimating:
+        if one.repeated is None or one.base.n > NIS_ROWS:
+            found.append(None)
+            continue
+        if one.treatments not in made:
+            made[one.treatments] = Innovations.of(one.base)
+        found.append(made[one.treatments])
+    return found
 
 
 def open_campaign(argument: Mapping[str, Any]) -> Callable[[int], None]:
@@ -291,71 +261,53 @@ def open_campaign(argument: Mapping[str, Any]) -> Callable[[int], None]:
     if mission.sha256 != campaign.mission_sha256:
         raise InputError(f"{campaign.mission}: the mission file changed while it was validated; start again")
     setting = Setting.of(mission)
-    passes = setting.passes()
+    through = passes(setting)
 
     def work(number: int) -> None:
         first = number * campaign.chunk_runs
-        chunk = compute_chunk(setting, passes, campaign, range(first, first + campaign.chunk_runs))
+        chunk = compute_chunk(setting, through, campaign, range(first, first + campaign.chunk_runs))
         write_chunk(folder, number, campaign.fixed(), chunk)
 
     return work
 
 
 def compute_chunk(
-    setting: Setting, passes: list[Innovations | None], campaign: Campaign, runs: range
+    setting: Setting, through: Sequence[Innovations | None], campaign: Campaign, runs: range
 ) -> dict[str, npt.NDArray[Any]]:
     """Arrays of one chunk; for estimator k, rows by run.
 
     errors_k (N, s + s_j) estimate minus truth, and assumed minus true value of the parameters left out;
     nis_k (N, telescopes, 2) mean normalised square of the innovations, as believed and in truth;
-    check_k (N,) in the first run of a chunk: largest difference, in sigmas, to solving from the measurements on;
-    full mode: factor_true_k, factor_formal_k of each run's own estimate. Rows that failed are nan.
+    linear mode: check_k (N,) in the first run of a chunk, largest difference, in sigmas, to solving from the
+    measurements on; full mode: mean_k, factor_true_k, factor_formal_k of each run's own estimate. Rows that failed are
+    nan.
+
+    Parameters
+    ----------
+    through : of `passes`.
     """
-    residuals, deviations, truths = _drawn(setting, campaign, runs)
+    make = _iterated if campaign.mode == "full" else _linear
+    return make(setting, through, [generator(campaign.seed, i) for i in runs])
+
+
+def _linear(
+    setting: Setting, through: Sequence[Innovations | None], rngs: Sequence[np.random.Generator]
+) -> dict[str, npt.NDArray[Any]]:
+    """One linear step for each truth, with the factorisation and the innovations of the reference."""
+    computed, observation = computed_psi(setting.nominal), setting.nominal.observation
+    residuals = np.empty((len(rngs), *computed.shape))
+    deviations: list[Mapping[str, float]] = []
+    for row, rng in enumerate(rngs):
+        psi, deviation = measured_truth(setting, rng)
+        deviations.append(deviation)
+        residuals[row] = residual(psi, computed)
     chunk: dict[str, npt.NDArray[Any]] = {}
-    for k, (one, through) in enumerate(zip(setting.estimating, passes)):
+    for k, (one, innovations) in enumerate(zip(setting.estimating, through)):
         if one.reference.solution is None:
             continue
-        chunk[f"nis_{k}"] = _nis(setting, through, residuals, one.mean_residual())
-        if truths:
-            chunk |= {f"{name}_{k}": array for name, array in _refitted(setting, one, truths).items()}
-        else:
-            chunk |= {f"{name}_{k}": array for name, array in _estimated(one, residuals, deviations).items()}
+        chunk[f"nis_{k}"] = _nis(observation, innovations, residuals, one.mean_residual())
+        chunk |= {f"{name}_{k}": array for name, array in _estimated(one, residuals, deviations).items()}
     return chunk
-
-
-def _drawn(
-    setting: Setting, campaign: Campaign, runs: range
-) -> tuple[Array, list[Mapping[str, float]], list[Truth | None]]:
-    """Residuals (N, n, 2) about the nominal point, true deviations, and in full mode the truths themselves."""
-    scene, nominal, computed = setting.scene, setting.nominal, computed_psi(setting.nominal)
-    residuals = np.empty((len(runs), *computed.shape))
-    deviations: list[Mapping[str, float]] = []
-    truths: list[Truth | None] = []
-    start = nominal.point.values
-    for row, i in enumerate(runs):
-        rng = generator(campaign.seed, i)
-        if campaign.mode == "full":
-            truth = _possible(scene, setting.priors, rng)
-            truths.append(truth)
-            if truth is None:
-                residuals[row] = np.nan
-                continue
-            psi, values = truth.psi, truth.point.values
-            deviations.append({name: values[name] - start[name] for name in start})
-        else:
-            psi, deviation = measured_truth(scene, nominal, setting.priors, rng)
-            deviations.append(deviation)
-        residuals[row] = residual(psi, computed)
-    return residuals, deviations, truths
-
-
-def _possible(scene: Scene, priors: PriorTable, rng: np.random.Generator) -> Truth | None:
-    """A truth, propagated; None if the draw has no physics (a negative mass, an orbit that hits a body)."""
-    try:
-        return draw(scene, priors, rng)
-    except (InputError, EventError):
-        return None
 
 
 def _estimated(one: Estimating, residuals: Array, truth: list[Mapping[str, float]]) -> dict[str, Array]:
@@ -363,7 +315,8 @@ def _estimated(one: Estimating, residuals: Array, truth: list[Mapping[str, float
     reference = one.reference
     names = reference.names + reference.left_out
     means = one.means(residuals)
-    assumed = np.broadcast_to(_found_left_out(one), (len(means), len(reference.left_out)))
+    found = np.array([reference.value(name) for name in reference.left_out])
+    assumed = np.broadcast_to(found, (len(means), len(reference.left_out)))
     true = np.array([[row[name] for name in names] for row in truth])
     check = np.full(len(means), np.nan)
     sigma = np.linalg.norm(reference.S_formal, axis=1)
@@ -372,38 +325,55 @@ def _estimated(one: Estimating, residuals: Array, truth: list[Mapping[str, float
     return {"errors": np.hstack([means, assumed]) - true, "check": check}
 
 
-def _found_left_out(one: Estimating) -> Array:
-    """Assumed deviations of the parameters left out."""
-    return np.array([one.reference.value(name) for name in one.reference.left_out])
+def _iterated(
+    setting: Setting, through: Sequence[Innovations | None], rngs: Sequence[np.random.Generator]
+) -> dict[str, npt.NDArray[Any]]:
+    """Estimates iterated to convergence, each with its own covariances and the innovations at its own estimate.
+
+    Estimators that treat all alike have one minimum, and so one set of innovations.
+    """
+    chunk: dict[str, npt.NDArray[Any]] = {}
+    for k, one in enumerate(setting.estimating):
+        if one.reference.solution is not None:
+            chunk |= {f"{name}_{k}": array for name, array in _failed(setting, one, len(rngs)).items()}
+    for row, rng in enumerate(rngs):
+        truth, judged = possible(setting, rng), dict[tuple[str, ...], Array]()
+        for k, (one, innovations) in enumerate(zip(setting.estimating, through)):
+            trial = None if truth is None or one.reference.solution is None else iterated(setting, one, truth)
+            if trial is None:
+                continue
+            for name in ("errors", "mean", "factor_true", "factor_formal"):
+                chunk[f"{name}_{k}"][row] = getattr(trial, name)
+            if innovations is not None:
+                if one.treatments not in judged:
+                    own = Innovations.of(trial.problem, innovations.first)
+                    expected = one.mean_residual(trial.problem)
+                    residuals = np.asarray(trial.problem.residual)[None]
+                    judged[one.treatments] = _nis(setting.nominal.observation, own, residuals, expected)[0]
+                chunk[f"nis_{k}"][row] = judged[one.treatments]
+    return chunk
 
 
-def _refitted(setting: Setting, one: Estimating, truths: list[Truth | None]) -> dict[str, Array]:
-    """Errors of estimates iterated to convergence, each with the factors of its own covariances."""
-    reference = one.reference
-    names, s = reference.names + reference.left_out, len(reference.names)
-    errors = np.full((len(truths), len(names)), np.nan)
-    true = np.full((len(truths), len(names), len(names)), np.nan)
-    formal = np.full((len(truths), *reference.S_formal.shape), np.nan)
-    for row, truth in enumerate(truths):
-        if truth is None:
-            continue
-        found = fit(setting.scene, one.estimator, setting.nominal, truth.psi, setting.priors)
-        if str(found.status) != "converged":
-            continue
-        errors[row] = [found.point.values[name] - truth.point.values[name] for name in names]
-        true[row] = found.estimate.factor(names)
-        formal[row, :s] = found.estimate.S_formal
-    return {"errors": errors, "factor_true": true, "factor_formal": formal}
+def _failed(setting: Setting, one: Estimating, runs: int) -> dict[str, Array]:
+    """The arrays of an estimator before any run has given an estimate."""
+    s, size = len(one.reference.names), len(one.reference.names + one.reference.left_out)
+    shapes = {
+        "errors": (size,),
+        "mean": (size,),
+        "factor_true": (size, size),
+        "factor_formal": (size, s),
+        "nis": (len(setting.nominal.observation.telescopes), 2),
+    }
+    return {name: np.full((runs, *shape), np.nan) for name, shape in shapes.items()}
 
 
-def _nis(setting: Setting, through: Innovations | None, residuals: Array, expected: Array) -> Array:
+def _nis(observation: Observation, through: Innovations | None, residuals: Array, expected: Array) -> Array:
     """Mean normalised square (N, telescopes, 2) of the innovations of each telescope over its components.
 
     Parameters
     ----------
     expected : (n, 2), mean that the residuals have in truth and the estimator does not know of.
     """
-    observation = setting.nominal.observation
     out = np.full((len(residuals), len(observation.telescopes), 2), np.nan)
     if through is None:
         return out

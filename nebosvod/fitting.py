@@ -13,6 +13,7 @@ from nebosvod.dynamics import Trajectory
 from nebosvod.estimation import (
     Estimate,
     History,
+    IterationResult,
     LinearProblem,
     Status,
     batch,
@@ -107,6 +108,46 @@ class Fit:
         }
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Convergence:
+    """Where the iteration of one estimator ended.
+
+    Attributes
+    ----------
+    found : its outcome, deviations counted from the start.
+    problem : linearised at the last point, priors about the start.
+    seen : orbit and computed measurements at the last point.
+    """
+
+    found: IterationResult
+    problem: LinearProblem
+    seen: View
+
+    @property
+    def point(self) -> Point:
+        """The estimated values; assumed ones of what is left out."""
+        return taken(self.seen.point, self.found.estimate)
+
+
+def converge(scene: Scene, estimator: Estimator, start: View, observed_psi: Array, priors: PriorTable) -> Convergence:
+    """Iterate an estimator to its end; parameters as of `fit`, whose numbers these are without the rest."""
+    latest: list[tuple[dict[str, float], View, LinearProblem]] = []
+
+    def linearise(deviation: Mapping[str, float]) -> LinearProblem:
+        moved = {name: value for name, value in deviation.items() if value != 0.0}
+        seen = view(scene, start.point.moved(moved), simulates=False) if moved else start
+        problem = linear_problem(scene, estimator, seen, observed_psi, priors, about=start.point)
+        latest[:] = [(moved, seen, problem)]
+        return problem
+
+    solve, damped = SOLVERS[estimator.method], estimator.method not in OWN_GAIN
+    found = gauss_newton(linearise, solve=solve, limit=estimator.iterations, damped=damped)
+    # the last call of the iteration may have been a rejected trial: then the view is taken anew where it ended
+    if latest[0][0] != {name: value for name, value in found.deviation.items() if value != 0.0}:
+        linearise(found.deviation)
+    return Convergence(found=found, problem=latest[0][2], seen=latest[0][1])
+
+
 def fit(scene: Scene, estimator: Estimator, start: View, observed_psi: Array, priors: PriorTable) -> Fit:
     """Estimate from measured directions.
 
@@ -115,21 +156,9 @@ def fit(scene: Scene, estimator: Estimator, start: View, observed_psi: Array, pr
     start : the nominal point, seen; priors stay about it while the iteration moves.
     observed_psi : shape (n, 2), rad.
     """
-    latest: list[View] = [start]
-
-    def linearise(deviation: Mapping[str, float]) -> LinearProblem:
-        moved = any(value != 0.0 for value in deviation.values())
-        latest[0] = view(scene, start.point.moved(deviation), simulates=False) if moved else start
-        return linear_problem(scene, estimator, latest[0], observed_psi, priors, about=start.point)
-
-    own_gain = estimator.method in OWN_GAIN
-    solve = SOLVERS[estimator.method]
-    found = gauss_newton(linearise, solve=solve, limit=estimator.iterations, damped=not own_gain)
-    # the last call of the iteration may have been a rejected trial, so the view is taken anew where it ended
-    problem = linearise(found.deviation)
-    seen = latest[0]
-    shown = found.estimate.solution is not None and not own_gain
-    history = recursive.solve(problem).history if shown else None
+    ended = converge(scene, estimator, start, observed_psi, priors)
+    found = ended.found
+    shown = found.estimate.solution is not None and estimator.method not in OWN_GAIN
     return Fit(
         estimator=estimator,
         estimate=found.estimate,
@@ -137,11 +166,11 @@ def fit(scene: Scene, estimator: Estimator, start: View, observed_psi: Array, pr
         message=found.message,
         iterations=found.iterations,
         cost=found.cost,
-        point=taken(seen.point, found.estimate),
-        problem=problem,
-        seen=seen,
-        history=history,
-        mean_errors=mean_errors(scene, estimator, seen.terms),
+        point=ended.point,
+        problem=ended.problem,
+        seen=ended.seen,
+        history=recursive.solve(ended.problem).history if shown else None,
+        mean_errors=mean_errors(scene, estimator, ended.seen.terms),
     )
 
 

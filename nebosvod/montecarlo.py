@@ -1,29 +1,30 @@
-"""Monte Carlo: truths really drawn, measured, estimated again; the sample of errors that K_true must describe.
+"""Monte Carlo of a run: truths really drawn, measured, estimated again; the errors that K_true must describe.
 
-The orbit of each truth is linear about the reference (by Phi and zeta), the measurement is not: direction and light
-time are computed in full. Run i draws from its own seed, so the result does not depend on how runs are shared out.
-Every truth is estimated with one factorisation of the problem at the reference (`nebosvod.estimation.repeated`).
+Run i draws from its own seed, so the result does not depend on how many there are; every estimator sees the same
+truths. Where the linear step would not do (`nebosvod.trial.second_order`), each estimate is iterated from the prior to
+convergence on a propagated truth and judged by the covariance of its own linearisation.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+import time
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from nebosvod.assembly import View, computed_psi, linear_problem, mean_errors
-from nebosvod.estimation import Estimate, LinearProblem
-from nebosvod.estimation.repeated import Repeated
-from nebosvod.fitting import SOLVERS
+from nebosvod.assembly import View, computed_psi
+from nebosvod.estimation import Estimate
+from nebosvod.estimation.square_root import lower_factor, solve_square
 from nebosvod.mission import Estimator
-from nebosvod.mission.request import OWN_GAIN
-from nebosvod.observation import Common, draw_noise, draw_truth, measure, residual
+from nebosvod.observation import residual
 from nebosvod.prior import STATE_NAMES, PriorTable
 from nebosvod.scene import Scene
+from nebosvod.trial import LINEAR_SIGMA, Setting, generator, iterated, measured_truth, possible, second_order
 
 Array = npt.NDArray[np.float64]
 LEVELS = (0.5, 0.9, 0.99)
+TOLD_S = 1.0  # between two lines of progress
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -34,14 +35,21 @@ class Sample:
     ----------
     names : s estimated parameters.
     errors : (runs, s), estimate minus truth.
-    mean : (s,), mean of the errors that the estimator's left-out sources promise; K_true is the covariance about it.
+    mean : (s,) or (runs, s), mean of the errors that the estimator's left-out sources promise; K_true is the covariance
+        about it.
     reference : the estimate at the reference, whose K_true is on trial.
+    factors : (runs, s, s), factors of K_true of each run's own estimate; None where all share that of the reference.
+    lost : runs that gave no estimate.
+    second_order : what the linear step would leave out, in sigmas.
     """
 
     names: tuple[str, ...]
     errors: Array
     mean: Array
     reference: Estimate
+    factors: Array | None = None
+    lost: int = 0
+    second_order: float = 0.0
 
     @property
     def spread(self) -> Array:
@@ -52,60 +60,30 @@ class Sample:
     def nees(self) -> Array:
         """Normalised squared error (runs,) of the state, through the factor of K_true."""
         place = [self.names.index(name) for name in STATE_NAMES]
-        whitened = np.linalg.solve(self.reference.factor(STATE_NAMES), self.spread[:, place].T)
-        total: Array = np.sum(whitened**2, axis=0)
+        errors = self.spread[:, place]
+        if self.factors is None:
+            whitened = np.linalg.solve(self.reference.factor(STATE_NAMES), errors.T).T
+        else:
+            whitened = np.array([solve_square(lower_factor(G[place]), one) for G, one in zip(self.factors, errors)])
+        total: Array = np.sum(whitened.reshape(errors.shape) ** 2, axis=1)
         return total
 
+    def scatter(self, W: Array, names: Sequence[str], sigma: Array) -> Array:
+        """Mean square (d,) of the errors of w = W x about their promised mean.
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Estimating:
-    """One estimator, ready for any number of residual vectors about the nominal point.
-
-    Attributes
-    ----------
-    base : the problem at the nominal point with zero residual.
-    reference : its estimate; `solution` is None where the problem is not observable.
-    repeated : the affine map from residuals to estimates, where the method has one.
-    mean_errors : mean of truth minus assumed value, by parameter left out; those that are not zero.
-    """
-
-    estimator: Estimator
-    base: LinearProblem
-    reference: Estimate
-    repeated: Repeated | None
-    mean_errors: Mapping[str, float]
-
-    @classmethod
-    def of(cls, scene: Scene, estimator: Estimator, nominal: View, priors: PriorTable) -> "Estimating":
-        """Prepare an estimator at the nominal point."""
-        base = linear_problem(scene, estimator, nominal, computed_psi(nominal), priors, about=nominal.point)
-        reference = SOLVERS[estimator.method](base)
-        # all but these give K_formal H^T W v, so one factor serves every residual; these are solved anew for each
-        affine = estimator.method not in OWN_GAIN and reference.solution is not None
-        repeated = Repeated.of(base, reference) if affine else None
-        off = mean_errors(scene, estimator, nominal.terms)
-        return cls(estimator=estimator, base=base, reference=reference, repeated=repeated, mean_errors=off)
-
-    def mean(self, names: Sequence[str]) -> Array:
-        """Mean (k,) of estimate minus truth, for what is left out may have a mean."""
-        return self.reference.mean_shift(self.mean_errors, names)
-
-    def mean_residual(self) -> Array:
-        """What the mean errors do to the measurements (n, 2), which the estimator does not know of."""
-        total = np.zeros_like(self.base.residual)
-        for block in self.base.blocks:
-            total += block.H @ np.array([self.mean_errors.get(name, 0.0) for name in block.names])
-        return total
-
-    def means(self, residuals: Array) -> Array:
-        """Estimated deviations (N, s) from the nominal point for residuals (N, n, 2)."""
-        if self.repeated is not None:
-            return self.repeated.means(residuals)
-        return np.array([self.solved_anew(one) for one in residuals])
-
-    def solved_anew(self, one: Array) -> Array:
-        """Estimated deviations (s,) by the estimator's own method, from the measurements on."""
-        return SOLVERS[self.estimator.method](replace(self.base, residual=one)).mean
+        Parameters
+        ----------
+        names : the columns of W (d, k), all of them estimated.
+        sigma : (d,), what is claimed: where runs have covariances of their own, an error counts in sigmas of its run,
+            times this.
+        """
+        place = [self.names.index(name) for name in names]
+        errors = self.spread[:, place] @ W.T
+        if self.factors is not None:
+            own = np.linalg.norm(W @ self.factors[:, place], axis=2)
+            errors = errors / np.where(own > 0.0, own, 1.0) * sigma
+        square: Array = np.sum(errors**2, axis=0)
+        return square
 
 
 def repeat(
@@ -117,51 +95,90 @@ def repeat(
     seed: int,
     progress: Callable[[str], None] = lambda message: None,
 ) -> Sample:
-    """Estimate `runs` drawn truths with one estimator, linear about the nominal point.
+    """Estimate `runs` drawn truths with one estimator (see `repeat_all`)."""
+    return repeat_all(scene, [estimator], nominal, priors, runs, seed, progress)[0]
+
+
+def repeat_all(
+    scene: Scene,
+    estimators: Sequence[Estimator],
+    nominal: View,
+    priors: PriorTable,
+    runs: int,
+    seed: int,
+    progress: Callable[[str], None] = lambda message: None,
+) -> list[Sample]:
+    """Estimate `runs` drawn truths with each estimator, by one linear step each or iterated where that would not do.
 
     Parameters
     ----------
+    estimators : such as can observe the state.
     nominal : the nominal point, seen.
     seed : run i draws from SeedSequence(seed, spawn_key=(i,)).
     """
-    estimating = Estimating.of(scene, estimator, nominal, priors)
-    computed = computed_psi(nominal)
-    names = estimating.reference.names
-    errors = np.empty((runs, len(names)))
+    setting = Setting.at(scene, nominal, priors, estimators)
+    left_out = second_order(setting, seed)
+    make = _linear if left_out <= LINEAR_SIGMA else _iterated
+    return [replace(one, second_order=left_out) for one in make(setting, runs, seed, _Telling(progress, runs))]
+
+
+class _Telling:
+    """Says how many runs are done, at most once in `TOLD_S`."""
+
+    def __init__(self, progress: Callable[[str], None], runs: int) -> None:
+        self._progress, self._runs, self._last = progress, runs, -np.inf
+
+    def __call__(self, done: int) -> None:
+        now = time.monotonic()
+        if now - self._last >= TOLD_S:
+            self._last = now
+            self._progress(f"Monte Carlo: {done} of {self._runs} runs")
+
+
+def _linear(setting: Setting, runs: int, seed: int, tell: Callable[[int], None]) -> list[Sample]:
+    """Truths linear about the reference, one factorisation for all."""
+    computed, estimating = computed_psi(setting.nominal), setting.estimating
+    errors = [np.empty((runs, len(one.reference.names))) for one in estimating]
     for i in range(runs):
-        if i % 100 == 0:
-            progress(f"Monte Carlo: {i} of {runs} runs")
-        psi, truth = measured_truth(scene, nominal, priors, generator(seed, i))
-        errors[i] = estimating.means(residual(psi, computed)[None])[0] - np.array([truth[name] for name in names])
-    return Sample(names=names, errors=errors, mean=estimating.mean(names), reference=estimating.reference)
+        tell(i)
+        psi, truth = measured_truth(setting, generator(seed, i))
+        v = residual(psi, computed)[None]
+        for one, rows in zip(estimating, errors):
+            rows[i] = one.means(v)[0] - np.array([truth[name] for name in one.reference.names])
+    return [
+        Sample(
+            names=one.reference.names,
+            errors=rows,
+            mean=one.mean(one.reference.names),
+            reference=one.reference,
+        )
+        for one, rows in zip(estimating, errors)
+    ]
 
 
-def generator(seed: int, run: int) -> np.random.Generator:
-    """The random numbers of one run, whoever computes it."""
-    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(run,)))
-
-
-def measured_truth(
-    scene: Scene, nominal: View, priors: PriorTable, rng: np.random.Generator
-) -> tuple[Array, Mapping[str, float]]:
-    """Draw one truth and measure it: directions (n, 2), and every true value as a deviation from the nominal point."""
-    values = nominal.point.values
-    fixed = {parameter.name for parameter in scene.mission.free_parameters if parameter.treatment == "fixed"}
-    truth = dict.fromkeys(values, 0.0)
-    truth |= {name: value - values[name] for name, value in priors.draw(rng).items() if name not in fixed}
-    drawn = draw_truth(nominal.terms, rng)
-    for term in nominal.terms:
-        if isinstance(term, Common):
-            truth |= {name: float(value) - values[name] for name, value in zip(term.names, drawn[term.name])}
-    psi = measure(
-        nominal.observation,
-        nominal.terms,
-        drawn,
-        state_deviation=np.array([truth[name] for name in STATE_NAMES]),
-        parameters_deviation=np.array([truth[name] for name in nominal.observation.parameter_names]),
-        noise=draw_noise(nominal.observation.noise, rng),
-    )
-    return psi, truth
+def _iterated(setting: Setting, runs: int, seed: int, tell: Callable[[int], None]) -> list[Sample]:
+    """Truths propagated, every estimate iterated to convergence."""
+    estimating = setting.estimating
+    size = [len(one.reference.names) for one in estimating]
+    rows: list[list[tuple[Array, Array, Array]]] = [[] for _ in estimating]
+    for i in range(runs):
+        tell(i)
+        truth = possible(setting, generator(seed, i))
+        for one, s, mine in zip(estimating, size, rows):
+            trial = None if truth is None else iterated(setting, one, truth)
+            if trial is not None:
+                mine.append((trial.errors[:s], trial.mean[:s], trial.factor_true[:s, :s]))
+    return [
+        Sample(
+            names=one.reference.names,
+            errors=np.array([row[0] for row in mine]).reshape(-1, s),
+            mean=np.array([row[1] for row in mine]).reshape(-1, s),
+            reference=one.reference,
+            factors=np.array([row[2] for row in mine]).reshape(-1, s, s),
+            lost=runs - len(mine),
+        )
+        for one, s, mine in zip(estimating, size, rows)
+    ]
 
 
 def consistency(sample: Sample) -> dict[str, Any]:
@@ -175,6 +192,9 @@ def consistency(sample: Sample) -> dict[str, Any]:
     inside = gammainc(size / 2.0, nees / 2.0)
     return {
         "n_runs": runs,
+        "n_failed": sample.lost,
+        "iterated": sample.factors is not None,
+        "second_order_sigma": sample.second_order if np.isfinite(sample.second_order) else None,
         "nees_mean": float(nees.mean() / size),
         "nees_interval_99": interval,
         "coverage": {f"{100 * level:g}_percent": float(np.mean(inside <= level)) for level in LEVELS},

@@ -15,7 +15,7 @@ from nebosvod.assembly import View, computed_psi, linear_problem, nominal_point,
 from nebosvod.assessment import assess
 from nebosvod.fitting import Fit, fit
 from nebosvod.mission import Mission
-from nebosvod.montecarlo import Sample, consistency, consistency_block, repeat
+from nebosvod.montecarlo import Sample, consistency, consistency_block, repeat_all
 from nebosvod.predictions import foretell
 from nebosvod.prior import PriorTable, prior_table
 from nebosvod.result import Result
@@ -102,8 +102,6 @@ def _samples(
     plan = scene.mission.monte_carlo
     if plan is None:
         return {}
-    return {
-        one.estimator.name: repeat(scene, one.estimator, nominal, priors, plan.runs, seed, say)
-        for one in fits
-        if one.estimate.solution is not None
-    }
+    estimators = [one.estimator for one in fits if one.estimate.solution is not None]
+    found = repeat_all(scene, estimators, nominal, priors, plan.runs, seed, say)
+    return {estimator.name: sample for estimator, sample in zip(estimators, found)}

@@ -12,10 +12,12 @@ from nebosvod.assembly import View, computed_psi, linear_problem
 from nebosvod.estimation import batch
 from nebosvod.fitting import fit
 from nebosvod.mission import Mission, load_mission_text
-from nebosvod.montecarlo import Estimating, consistency, generator, measured_truth, repeat
+from nebosvod.montecarlo import consistency, repeat
 from nebosvod.observation import residual
 from nebosvod.prior import STATE_NAMES, PriorTable
 from nebosvod.scene import Scene
+from nebosvod.trial import Setting as TrialSetting
+from nebosvod.trial import generator, measured_truth
 from nebosvod.truth import draw
 
 Array = npt.NDArray[np.float64]
@@ -115,6 +117,7 @@ def test_twenty_full_refits_agree_with_the_linear_ones(
         assert text != minimal.text
     scene, priors, nominal = make_setting(load_mission_text(text))
     estimator = scene.mission.estimators[0]
+    setting = TrialSetting.at(scene, nominal, priors, [estimator])
     base = linear_problem(scene, estimator, nominal, computed_psi(nominal), priors, about=nominal.point)
     scale = np.sqrt(np.diag(batch.solve(base).covariance(STATE_NAMES)))
     largest = 0.0
@@ -124,7 +127,7 @@ def test_twenty_full_refits_agree_with_the_linear_ones(
         full = fit(scene, estimator, nominal, sky, priors)
         same_sky = batch.solve(replace(base, residual=residual(sky, computed_psi(nominal))))
         assert np.abs((full.estimate.mean[:6] - same_sky.mean[:6]) / scale).max() < 0.01
-        psi, _ = measured_truth(scene, nominal, priors, seeds[1])
+        psi, _ = measured_truth(setting, seeds[1])
         linear = batch.solve(replace(base, residual=residual(psi, computed_psi(nominal))))
         assert str(full.status) == "converged"
         difference = np.abs((full.estimate.mean[:6] - linear.mean[:6]) / scale).max()
@@ -148,9 +151,10 @@ def test_linear_truth_and_propagated_truth_measure_the_same_sky(
         text = text.replace("sigma: 2 m", "sigma: 2e-6 m").replace("sigma: 2e6 kg", "sigma: 2 kg")
         text = text.replace("sigma: 0.05, treatment", "sigma: 5e-8, treatment")
     scene, priors, nominal = make_setting(load_mission_text(text))
+    setting = TrialSetting.at(scene, nominal, priors, [])
     for i in range(5):
         seeds = [np.random.default_rng(np.random.SeedSequence(SEED, spawn_key=(i,))) for _ in range(2)]
-        psi, _ = measured_truth(scene, nominal, priors, seeds[0])
+        psi, _ = measured_truth(setting, seeds[0])
         full = draw(scene, priors, seeds[1])
         assert np.abs(residual(psi, full.psi)).max() < allowed * 0.1 * np.pi / 648000.0
 
@@ -169,11 +173,10 @@ def test_one_factorisation_gives_what_each_method_gives_from_the_measurements_on
     """To 1e-9 sigma, for ten drawn truths."""
     text = f"\nestimators:\n  - {{name: one, method: {method}, treatment: {{bias: {treatment}, albedo: considered}}}}\n"
     scene, priors, nominal = make_setting(load_mission_text(minimal.text + text))
-    estimating = Estimating.of(scene, scene.mission.estimators[0], nominal, priors)
+    setting = TrialSetting.at(scene, nominal, priors, scene.mission.estimators)
+    (estimating,) = setting.estimating
     computed = computed_psi(nominal)
-    residuals = np.array(
-        [residual(measured_truth(scene, nominal, priors, generator(SEED, i))[0], computed) for i in range(10)]
-    )
+    residuals = np.array([residual(measured_truth(setting, generator(SEED, i))[0], computed) for i in range(10)])
     sigma = np.linalg.norm(estimating.reference.S_formal, axis=1)
     for one, mean in zip(residuals, estimating.means(residuals)):
         assert np.abs((estimating.solved_anew(one) - mean) / sigma).max() < 1e-9

@@ -16,11 +16,12 @@ import numpy as np
 import pytest
 
 import nebosvod
-from nebosvod.campaign import CHUNK_RUNS, Campaign, CampaignFolder, Setting, chunk_path, compute_chunk
+from nebosvod.campaign import CHUNK_RUNS, Campaign, CampaignFolder, chunk_path, compute_chunk, passes
 from nebosvod.cli import main
 from nebosvod.errors import InputError, OutputError
 from nebosvod.mission import Mission, load_mission, load_mission_text
 from nebosvod.mission.builtin import builtin_names
+from nebosvod.trial import Setting
 from nebosvod.validate import summary, validate
 
 SCHEMA = json.loads((Path(nebosvod.__file__).parent / "validation.schema.json").read_text("utf-8"))
@@ -263,8 +264,8 @@ def judged_here(mission: Mission, runs: int) -> dict[str, Any]:
     """A campaign inside this process, without a folder."""
     setting = Setting.of(mission)
     campaign = Campaign.of(mission, SEED, False, setting.nominal.observation.t_s.size)
-    chunk = compute_chunk(setting, setting.passes(), campaign, range(runs))
-    return summary(setting, campaign, runs, chunk)
+    chunk = compute_chunk(setting, passes(setting), campaign, range(runs))
+    return summary(setting, campaign, runs, chunk, 0.0)
 
 
 def test_the_filter_as_printed_is_caught_by_its_own_claim(minimal_text: str) -> None:
