@@ -44,6 +44,9 @@ ASTEROIDS = tuple(ASTEROID_NUMBERS)
 MOST_ORDERS = 16  # of a record, the size of the kernels' table; DE440, DE441 and their asteroids have 14 at most
 # Above so many times loading the compiler (0.5 s) pays even where nothing else has loaded it
 COMPILE_ABOVE = 1_000_000
+# A position is asked for a light time before the first epoch, and differenced about the last one. So far beyond either
+# end the outermost record still holds: a record continued so meets its neighbour within 2 cm, asteroids within 0.2 m.
+BEYOND_S = 21600.0  # the light time over 43 au
 # (center, target) of the series behind each place; Earth's is the Earth-Moon barycentre, the Moon's is relative to it
 _SERIES_PLANETS = ((0, 10), (0, 1), (0, 2), (0, 3), (3, 301), (0, 4), (0, 5), (0, 6), (0, 7), (0, 8), (0, 9))
 
@@ -141,7 +144,7 @@ class Ephemeris:
         return self._coverage[asteroids]
 
     @bordered()
-    def require(self, epoch: Epoch, t_s: npt.ArrayLike = 0.0, *, asteroids: bool = True) -> None:
+    def require(self, epoch: Epoch, t_s: npt.ArrayLike = 0.0, *, asteroids: bool = True, beyond_s: float = 0.0) -> None:
         """Check that all times are covered.
 
         Parameters
@@ -149,6 +152,7 @@ class Ephemeris:
         epoch : the reference epoch.
         t_s : any shape, TDB seconds after `epoch`.
         asteroids : whether the asteroids are needed as well.
+        beyond_s : how far beyond either end a time may lie.
 
         Raises
         ------
@@ -156,14 +160,15 @@ class Ephemeris:
             Naming the first time outside, the span, and what to install.
         """
         first, last = self.coverage(asteroids=asteroids)
-        if isinstance(t_s, float) and first - epoch <= t_s <= last - epoch:
+        low, high = first - epoch - beyond_s, last - epoch + beyond_s
+        if isinstance(t_s, float) and low <= t_s <= high:
             return
         times = np.atleast_1d(np.asarray(t_s, dtype=np.float64)).ravel()
         if not times.size:
             return
-        if times.min() >= first - epoch and times.max() <= last - epoch:
+        if times.min() >= low and times.max() <= high:
             return
-        outside = ~((times >= first - epoch) & (times <= last - epoch))
+        outside = ~((times >= low) & (times <= high))
         if outside.any():
             bad = float(times[outside][0])
             moment = (epoch + bad).iso(digits=0) if np.isfinite(bad) else f"{epoch} + {bad} s"
@@ -202,10 +207,10 @@ class Ephemeris:
         Raises
         ------
         InputError, CoverageError
-            For an unknown body; for a time outside the span.
+            For an unknown body; for a time outside the span by more than `BEYOND_S`.
         """
         times = np.atleast_1d(np.asarray(t_s, dtype=np.float64))
-        self.require(epoch, times, asteroids=body in ASTEROID_NUMBERS)
+        self.require(epoch, times, asteroids=body in ASTEROID_NUMBERS, beyond_s=BEYOND_S)
         moon_share = 1.0 / self.scalars["earth_moon_mass_ratio"]
         if body == "emb":
             return _evaluate(self._series[EARTH], epoch, times)
@@ -248,7 +253,7 @@ class Ephemeris:
         for window in kept:
             if window.start_s <= start_s and end_s <= window.end_s:
                 return window
-        self.require(epoch, [start_s, end_s], asteroids=asteroids)
+        self.require(epoch, [start_s, end_s], asteroids=asteroids, beyond_s=BEYOND_S)
         series = self._series if asteroids else self._series[: len(PLANETS)]
         window = _cut(series, epoch, start_s, end_s)
         if len(self._windows) > 16:

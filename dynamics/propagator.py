@@ -9,10 +9,11 @@ import numpy.typing as npt
 from nebosvod.dynamics import integrator
 from nebosvod.dynamics.collision import require_no_impact
 from nebosvod.dynamics.dense import join
+from nebosvod.dynamics.ephemeris import BEYOND_S
 from nebosvod.dynamics.model import ForceModel, Physics
 from nebosvod.dynamics.trajectory import Trajectory, make_trajectory
 from nebosvod.dynamics.workspace import NO_NODES, NO_SAMPLES, NO_STEPS, Steps
-from nebosvod.errors import CoverageError, EventError, InputError
+from nebosvod.errors import EventError, InputError
 from nebosvod.quantities import bordered
 from nebosvod.timescale import Epoch
 
@@ -20,7 +21,6 @@ Array = npt.NDArray[np.float64]
 TOLERANCE, TIGHTEST, LOOSEST = 1e-10, 1e-16, 1e-3
 NO_GUIDES = ((NO_STEPS, NO_NODES),) * 2
 OWN_TIDE = 1e-10  # s^-2: GM/r^3 at ten radii of an asteroid of 0.4 g/cm^3
-LIGHT_TIME_MARGIN_S = 21600.0  # the light time over 43 au
 
 
 @bordered()
@@ -32,7 +32,7 @@ def propagate(
     sensitivities: bool = True,
     *,
     tolerance: float = TOLERANCE,
-    margin_s: float = LIGHT_TIME_MARGIN_S,
+    margin_s: float = BEYOND_S,
     grid: Trajectory | None = None,
     solid: bool = True,
 ) -> Trajectory:
@@ -48,7 +48,7 @@ def propagate(
     sensitivities : whether Phi and zeta are integrated.
     tolerance : last Legendre coefficient of the acceleration over a step, relative; from 1e-16 to 1e-3.
     margin_s : how far before the first time the trajectory reaches, so that light-time solutions find their emission
-        time inside it; cut at the start of the ephemeris.
+        time inside it; cut six hours before the start of the ephemeris.
     grid : a trajectory of a near orbit, such as the last iteration of a fit: its steps, the ephemeris at their nodes
         and its accelerations as a first guess are used again where epoch, span and bodies are the same and every step
         passes the error check; otherwise the orbit gets steps of its own. It changes the time taken, and the result by
@@ -144,13 +144,9 @@ def _span(forces: ForceModel, epoch: Epoch, low: float, high: float, margin_s: f
     """The span to integrate: with the margin, but inside the ephemeris; never empty."""
     for end_s in (low, high):
         forces.ephemeris.require(epoch, end_s, asteroids=forces.asteroids)
-    first, last = forces.ephemeris.coverage(asteroids=forces.asteroids)
-    low = max(low - margin_s, first - epoch)
-    if low == high:
-        high = min(1.0, last - epoch)
-    if low == high:
-        raise CoverageError(f"epoch {epoch} is an isolated point of the ephemeris {forces.ephemeris.source}")
-    return low, high
+    first, _ = forces.ephemeris.coverage(asteroids=forces.asteroids)
+    low = max(low - margin_s, first - epoch - BEYOND_S)
+    return low, high if low < high else low + 1.0
 
 
 def _unfinished(

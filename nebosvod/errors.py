@@ -22,9 +22,21 @@ def listed(names: Sequence[str], most: int = 6) -> str:
 
 
 class NebosvodError(Exception):
-    """Base of all errors of this package."""
+    """Base of all errors of this package.
+
+    Attributes
+    ----------
+    place : what in a file asked for this, as the message begins; empty where nobody said.
+    """
 
     exit_code = 4
+    place = ""
+
+    def say_place(self, place: str) -> None:
+        """Put in front of the message what in a file asked for this; the first place that is said stays."""
+        if place and not self.place:
+            self.place = place
+            self.args = (f"{place}: {self}",)
 
 
 class NebosvodNotice(UserWarning):

@@ -19,6 +19,7 @@ from nebosvod.mission import Telescope as TelescopeBlock
 from nebosvod.mission import spacecraft as said
 from nebosvod.mission.covariance import checked
 from nebosvod.mission.fit import plain
+from nebosvod.mission.places import asking
 from nebosvod.mission.uncertainty import Bias, Photocentre, Position, Timing
 from nebosvod.observation import (
     ArcBias,
@@ -62,10 +63,11 @@ def telescopes(mission: Mission) -> tuple[Telescope, ...]:
     """
     carriers: list[tuple[said.TelescopeOrbit, Spacecraft]] = []
     found = []
-    for block in mission.telescopes:
+    for i, block in enumerate(mission.telescopes):
         carrier = next((ready for orbit, ready in carriers if orbit == block.orbit), None)
         if carrier is None:
-            carrier = SPACECRAFT[type(block.orbit)](block.orbit, mission)
+            with asking(mission, "telescopes", i, "orbit"):
+                carrier = SPACECRAFT[type(block.orbit)](block.orbit, mission)
             carriers.append((block.orbit, carrier))
         found.append(_telescope(block, carrier))
     return tuple(found)
@@ -155,6 +157,8 @@ def _ground(orbit: said.Ground, mission: Mission) -> Spacecraft:
     except (OSError, ValueError, TypeError, KeyError) as error:
         text = f"has no usable entry {orbit.code} ({type(error).__name__}: {error})"
         raise InputError(f"{orbit.file or 'ground'}: {text}; needs the MPC's obscodes_extended.json") from None
+    if orbit.code not in said.GEOCENTRES and (text := said.underground(*constants[1:])):
+        raise InputError(f"{orbit.file or 'ground'}: {orbit.code}: {text}")
     return GroundSite.from_parallax(*constants, extrapolate=orbit.extrapolate)
 
 

@@ -17,6 +17,7 @@ from nebosvod.errors import InputError
 from nebosvod.estimation import Prior
 from nebosvod.mission import Mission
 from nebosvod.mission.model import CovariancePrior
+from nebosvod.mission.places import asking
 from nebosvod.mission.request import Prior as PriorBlock
 from nebosvod.mission.target import Parameter
 from nebosvod.scene import orbit_state, to_icrf
@@ -78,7 +79,8 @@ def prior_table(mission: Mission, forces: ForceModel, state: Array) -> PriorTabl
     free = mission.free_parameters
     joint = mission.covariance_prior
     if joint is not None:
-        entries = _carried(mission, joint, forces, state)
+        with asking(mission, "prior"):
+            entries = _carried(mission, joint, forces, state)
         done = {name for _, names, _, _ in entries for name in names}
     else:
         entries, done = _sigmas(mission, state), set()
@@ -129,7 +131,7 @@ def _carried(mission: Mission, joint: CovariancePrior, forces: ForceModel, state
     diffuse = [p.group for p in others if p.sigma is None]
     if diffuse:
         raise InputError(
-            f"prior: the orbit's epoch {joint.epoch} is not the reference epoch {mission.reference_epoch}, and "
+            f"the orbit's epoch {joint.epoch} is not the reference epoch {mission.reference_epoch}, and "
             f"{', '.join(diffuse)} has no sigma; give it one, or set reference_epoch to the epoch of the prior"
         )
     names = (*STATE_NAMES, *labels, *(p.name for p in others))

@@ -10,14 +10,17 @@ import numpy as np
 import numpy.typing as npt
 
 from nebosvod.dynamics import Ephemeris, ForceModel, Nongrav, RadiationPressure, Trajectory, propagate
+from nebosvod.dynamics.constants import RADIUS_KM
 from nebosvod.dynamics.elements import cometary_to_state, equinoctial_to_state, keplerian_to_state
 from nebosvod.dynamics.frames import R_icrf_from_ecliptic
-from nebosvod.errors import GeometryError
+from nebosvod.errors import CoverageError, GeometryError, InputError
 from nebosvod.impact import follow
 from nebosvod.instruments import nuisance, telescopes
 from nebosvod.logarithmic import LogarithmicForces
 from nebosvod.mission import Mission, Source
+from nebosvod.mission.places import asking, place
 from nebosvod.mission.request import Prediction
+from nebosvod.mission.spacecraft import OemFile, Spk, Tabulated
 from nebosvod.mission.target import LOGARITHMS
 from nebosvod.observation import Nuisance, Telescope, Visibility, ZoneBias, visibility
 from nebosvod.timescale import SECONDS_PER_DAY, Epoch
@@ -26,6 +29,8 @@ Array = npt.NDArray[np.float64]
 # The orbit is carried this far beyond the first and last epoch asked about: light time, and encounters near an epoch.
 MARGIN_S = 1.0 * SECONDS_PER_DAY
 ENCOUNTER_MARGIN_S = 5.0 * SECONDS_PER_DAY
+HARD = ("earth", "moon", "sun")  # bodies that a trajectory of a file is held against
+LOWEST = 0.99  # of their radii: the poles of the Earth lie at 0.9966
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -87,26 +92,18 @@ def build_scene(mission: Mission) -> Scene:
     GeometryError
         If no telescope sees the object at any epoch; the message says which limit removed how many.
     """
-    ephemeris = Ephemeris.load(mission.ephemeris_path)
+    ephemeris = load_ephemeris(mission)
     forces = force_model(mission, ephemeris)
+    require_epochs(mission, ephemeris)
     span, needed = _span(mission)
     span = covered(span, (min(_measured(mission)), needed), forces, mission.reference_epoch)
-    ephemeris.require(mission.reference_epoch, np.array(span), asteroids=mission.force_model.asteroids)
-    state = reference_state(mission, forces)
-    trajectory = follow(state, mission.reference_epoch, span, needed, forces, True)
-    instruments = telescopes(mission)
-    magnitude = mission.object.magnitude
-    law = (magnitude.H, magnitude.G) if magnitude is not None else None
-    visibilities = tuple(
-        visibility(telescope, trajectory, mission.times_s(telescope.name), ephemeris, law) for telescope in instruments
-    )
-    if not any(seen.visible.any() for seen in visibilities):
-        lines = [f"{telescope.name}: {seen.explain()}" for telescope, seen in zip(instruments, visibilities)]
-        raise GeometryError(
-            f"{mission.name}: no epoch is visible; nothing to estimate from ("
-            + "; ".join(lines)
-            + "); loosen that limit or move the schedule"
-        )
+    with asking(mission, "object", "orbit"):
+        state = reference_state(mission, forces)
+    with asking(mission, "schedule"):
+        trajectory = follow(state, mission.reference_epoch, span, needed, forces, True)
+        instruments = telescopes(mission)
+        visibilities = tuple(_visibility(mission, telescope, trajectory) for telescope in instruments)
+        _require_seen(instruments, visibilities)
     sources, nuisances = active_sources(mission, instruments, visibilities)
     return Scene(
         mission=mission,
@@ -123,6 +120,71 @@ def build_scene(mission: Mission) -> Scene:
     )
 
 
+def load_ephemeris(mission: Mission) -> Ephemeris:
+    """The ephemeris the mission asks for, else the one that is found."""
+    if mission.ephemeris_path is None:
+        return Ephemeris.load()
+    with asking(mission, "force_model", "ephemeris"):
+        return Ephemeris.load(mission.ephemeris_path)
+
+
+def require_epochs(mission: Mission, ephemeris: Ephemeris) -> None:
+    """Refuse an epoch of the mission outside the ephemeris; a prediction there is a row without an answer."""
+    for path, epoch in mission.epochs():
+        with asking(mission, *path):
+            ephemeris.require(epoch, 0.0, asteroids=mission.force_model.asteroids)
+
+
+def _visibility(mission: Mission, telescope: Telescope, trajectory: Trajectory) -> Visibility:
+    """What a telescope sees of its scheduled epochs."""
+    magnitude, ephemeris = mission.object.magnitude, trajectory.forces.ephemeris
+    law = (magnitude.H, magnitude.G) if magnitude is not None else None
+    try:
+        _require_outside(mission, telescope, ephemeris)
+        return visibility(telescope, trajectory, mission.times_s(telescope.name), ephemeris, law)
+    except CoverageError as error:
+        error.say_place(place(mission, ("schedule", _asking_too_much(mission, telescope, ephemeris))))
+        error.args = (f"{error} (telescope {telescope.name})",)
+        raise
+
+
+def _require_outside(mission: Mission, telescope: Telescope, ephemeris: Ephemeris) -> None:
+    """Refuse a trajectory from a file that leads through a body; the other kinds of orbits cannot."""
+    number = next(i for i, block in enumerate(mission.telescopes) if block.name == telescope.name)
+    t_s, epoch = mission.times_s(telescope.name), mission.reference_epoch
+    if not isinstance(mission.telescopes[number].orbit, Tabulated | Spk | OemFile) or not t_s.size:
+        return
+    place_km = telescope.spacecraft.state_km_km_s(ephemeris, epoch, t_s)[:, :3]
+    for body in HARD:
+        gap = np.linalg.norm(place_km - ephemeris.position_km(body, epoch, t_s), axis=1)
+        k = int(np.argmin(gap))
+        if gap[k] < LOWEST * RADIUS_KM[body]:
+            with asking(mission, "telescopes", number, "orbit"):
+                at = (epoch + float(t_s[k])).iso(digits=0)
+                raise InputError(f"{telescope.name} is inside the {body}: {gap[k]:.0f} km from its centre at {at}")
+
+
+def _asking_too_much(mission: Mission, telescope: Telescope, ephemeris: Ephemeris) -> int:
+    """Number of the first arc for whose times a telescope has no place."""
+    for i in range(len(mission.schedule)):
+        t_s = mission.times_s(telescope.name, i)
+        try:
+            telescope.spacecraft.state_km_km_s(ephemeris, mission.reference_epoch, t_s)
+        except CoverageError:
+            return i
+    return 0
+
+
+def _require_seen(instruments: Sequence[Telescope], visibilities: Sequence[Visibility]) -> None:
+    """Refuse a schedule of which nothing is seen, and say which limit is to blame."""
+    if any(seen.visible.any() for seen in visibilities):
+        return
+    lines = [f"{telescope.name}: {seen.explain()}" for telescope, seen in zip(instruments, visibilities)]
+    raise GeometryError(
+        f"no epoch is visible; nothing to estimate from ({'; '.join(lines)}); loosen that limit or move the schedule"
+    )
+
+
 def active_sources(
     mission: Mission, instruments: Sequence[Telescope], visibilities: Sequence[Visibility]
 ) -> tuple[dict[str, Source], tuple[Nuisance, ...]]:
@@ -132,7 +194,8 @@ def active_sources(
     found = []
     for source in active.values():
         names = tuple(name for name in source.telescopes if name in seeing)
-        one = nuisance(source, mission, names)
+        with asking(mission, *source.path):
+            one = nuisance(source, mission, names)
         found.append(replace(one, sky=_sky([seeing[name] for name in names])) if isinstance(one, ZoneBias) else one)
     return active, tuple(found)
 

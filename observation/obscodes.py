@@ -32,6 +32,12 @@ def needs_position(code: str) -> bool:
     return known(code) and codes()[code].get("Longitude") is None
 
 
+def parallax(code: str) -> tuple[float, float]:
+    """The MPC's constants rho cos phi', rho sin phi' (Earth radii) of a code with a fixed place."""
+    row = codes()[code]
+    return float(row["cos"]), float(row["sin"])
+
+
 def nearest(code: str, most: int = 5) -> tuple[str, ...]:
     """Known codes that may be meant: the same but for case, those that look the same, those of one other letter."""
     wanted = code.strip()

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import click
 
-from nebosvod.dynamics import Ephemeris
 from nebosvod.errors import InputError, NebosvodError, notes_of
 from nebosvod.fit.dates import chosen_dates
 from nebosvod.fit.outcome import every, fitted, mission_of, objects
@@ -14,6 +13,7 @@ from nebosvod.fit.terminal import print_fit, print_line
 from nebosvod.mission import FitMission, load_fit
 from nebosvod.mission.fields import slug
 from nebosvod.result import RunFolder, json_text
+from nebosvod.scene import load_ephemeris
 
 Say = Callable[[str], None]
 SETTINGS = (".yaml", ".yml")
@@ -61,7 +61,7 @@ def fit_one(
     with RunFolder(folder, overwrite=overwrite) as target:
         say("reading the observations")
         (records,) = objects(mission, split=False)
-        result, found = fitted(mission, records, Ephemeris.load(mission.ephemeris_path), say, export=export)
+        result, found = fitted(mission, records, load_ephemeris(mission), say, export=export)
         target.publish(result)
     if suggest is not None:
         write_suggestion(suggest, mission, found.fit.found, found.fit.epoch, overwrite)
@@ -76,7 +76,7 @@ def fit_every(
     mission: FitMission, folder: Path, overwrite: bool, as_json: bool, export: bool, say: Callable[[str], None]
 ) -> bool:
     """Fit every object by itself, a folder for each below `folder`; returns whether any failed."""
-    ephemeris = Ephemeris.load(mission.ephemeris_path)
+    ephemeris = load_ephemeris(mission)
     failed, summaries = False, []
     for name, found in every(mission, ephemeris, say, export=export):
         if isinstance(found, NebosvodError):

@@ -25,10 +25,11 @@ from nebosvod.fit.shared_errors import Records, SharedError
 from nebosvod.fit.sky import Sky
 from nebosvod.fit.verdict import Verdict, arc_words, verdict
 from nebosvod.mission import FitMission
+from nebosvod.mission.places import asking
 from nebosvod.observation.initial_orbit import StartingOrbit, attributable, candidates
 from nebosvod.observation.records import Astrometry
 from nebosvod.prior import STATE_NAMES, PriorTable, prior_table
-from nebosvod.scene import force_model, reference_state
+from nebosvod.scene import force_model, reference_state, require_epochs
 from nebosvod.timescale import SECONDS_PER_DAY, Epoch
 
 Array = npt.NDArray[np.float64]
@@ -90,6 +91,7 @@ def fit_object(
     InputError, CoverageError, DataError, EventError
         As the stages raise them; a lack of convergence or observability is a status of the answer.
     """
+    require_epochs(mission, ephemeris)
     designation, records = records.objects[0], dated(records, mission)
     say(f"{designation}: placing {counted(len(records), 'observation')} of {counted(len(records.stations), 'station')}")
     material = prepare(records, mission, ephemeris)
@@ -201,7 +203,8 @@ def _prior_mean(mission: FitMission, resolved: FitMission, forces: ForceModel, s
 def _carried(mission: FitMission, epoch: Epoch, forces: ForceModel) -> Array:
     """The given orbit at an epoch."""
     here = mission.standing_for(reference_epoch=epoch)
-    return reference_state(here, forces)
+    with asking(mission, "object", "orbit"):
+        return reference_state(here, forces)
 
 
 def _first_orbit(
@@ -212,7 +215,8 @@ def _first_orbit(
     say: Callable[[str], None],
 ) -> tuple[Epoch, Array, npt.NDArray[np.bool_], str]:
     """Epoch of the fit, state there, first selection, and where they came from."""
-    epoch = material.middle
+    first, last = ephemeris.coverage(asteroids=mission.force_model.asteroids)
+    epoch = min(max(material.middle, first), last)
     bare = _with_columns(force_model(mission, ephemeris), ())
     if mission.object.given_orbit is not None:
         return epoch, _carried(mission, epoch, bare), np.ones(len(material), dtype=bool), "the orbit given"

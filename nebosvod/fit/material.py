@@ -12,11 +12,12 @@ import numpy as np
 import numpy.typing as npt
 
 from nebosvod.dynamics import Ephemeris
-from nebosvod.errors import InputError
+from nebosvod.errors import CoverageError, InputError
 from nebosvod.fit.sky import Look, Sky
 from nebosvod.instruments import SPACECRAFT
 from nebosvod.mission import FitMission
 from nebosvod.mission.fit import FitPlan
+from nebosvod.mission.places import asking
 from nebosvod.observation import Spacecraft, debias, stated_weights, weights
 from nebosvod.observation.astrometry_files import read_astrometry
 from nebosvod.observation.direction import offset
@@ -164,12 +165,15 @@ def prepare(records: Astrometry, mission: FitMission, ephemeris: Ephemeris) -> M
         If a station has no place, the ephemeris does not reach, or a table cannot be used.
     """
     plan, records = mission.fit, records.by_time()
+    _require_covered(records, ephemeris, mission.force_model.asteroids)
     places = telescopes(records, ephemeris, files=_spacecraft(mission))
     rules = mission.beside(plan.weights) if plan.weights is not None else None
-    found = weights.weigh(records, rules, night_limit=plan.thins)
+    with asking(mission, "fit", "weights"):
+        found = weights.weigh(records, rules, night_limit=plan.thins)
     found = found if rules is not None else stated_weights.kept(found, records)
     table = mission.beside(plan.debias) if plan.debias is not None else None
-    correction, notices = debias.debias(records, table)
+    with asking(mission, "fit", "debias"):
+        correction, notices = debias.debias(records, table)
     sigma = plan.noise_scale * found.sigma_rad
     names, made, index = _telescopes(places, sigma)
     return Material(
@@ -188,6 +192,16 @@ def prepare(records: Astrometry, mission: FitMission, ephemeris: Ephemeris) -> M
         thinning=found.thinning,
         notices=tuple(dict.fromkeys((*records.notices, *places.notices, *found.notices, *notices))),
     )
+
+
+def _require_covered(records: Astrometry, ephemeris: Ephemeris, asteroids: bool) -> None:
+    """Refuse an observation outside the ephemeris, by its file and line."""
+    for row in (0, len(records) - 1):  # in the order of time
+        try:
+            ephemeris.require(records.epoch, float(records.t_s[row]), asteroids=asteroids)
+        except CoverageError as error:
+            error.say_place(f"{records.path[row]}:{records.line[row]}")
+            raise
 
 
 def _telescopes(
@@ -241,4 +255,7 @@ def _spacecraft(mission: FitMission) -> Mapping[str, Spacecraft]:
 def carrier_of(mission: FitMission, code: str) -> Spacecraft | None:
     """The trajectory given for a station, if one is."""
     orbit = mission.fit.spacecraft.get(code)
-    return None if orbit is None else SPACECRAFT[type(orbit)](orbit, mission)
+    if orbit is None:
+        return None
+    with asking(mission, "fit", "spacecraft", code):
+        return SPACECRAFT[type(orbit)](orbit, mission)

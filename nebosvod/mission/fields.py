@@ -116,6 +116,7 @@ _TURN = 6.283185307179586
 Angle = Annotated[float, measured(ANGLE)]
 PositiveAngle = Annotated[float, _positive(ANGLE)]
 Separation = Annotated[float, measured(ANGLE, 0.0, _TURN / 2, text="0 deg to 180 deg")]
+Inclination = Annotated[float, measured(ANGLE, 0.0, _TURN / 2, text="0 deg to 180 deg")]
 Altitude = Annotated[float, measured(ANGLE, -_TURN / 4, _TURN / 4, text="-90 deg to 90 deg")]
 Lead = Annotated[float, measured(ANGLE, -_TURN / 2, _TURN / 2, text="-180 deg to 180 deg")]
 Azimuth = Annotated[float, measured(ANGLE, -_TURN, _TURN, text="-360 deg to 360 deg")]

@@ -23,7 +23,7 @@ from nebosvod.mission.fields import (
 )
 from nebosvod.mission.model import DEFAULT_ESTIMATOR, CovariancePrior, Mission
 from nebosvod.mission.orbit import Frame, SbdbOrbit, StateOrbit
-from nebosvod.mission.request import Arc, Estimator, TelescopeNames, internal_covariance, scales
+from nebosvod.mission.request import Arc, Estimator, Prior, TelescopeNames, internal_covariance, scales
 from nebosvod.mission.sources import KINDS, Error, Group, Source
 from nebosvod.mission.spacecraft import OemFile, Spk, Tabulated
 from nebosvod.mission.target import LOGARITHMS, Orbit, Target
@@ -319,6 +319,8 @@ class FitMission(Mission):
             yield ("fit", "epoch"), self.fit.epoch
         for i, epoch in enumerate(self.fit.epochs):
             yield ("fit", "epochs", i), epoch
+        if isinstance(self.prior, Prior) and self.prior.epoch is not None:
+            yield ("prior", "epoch"), self.prior.epoch
 
 
 def plain(telescope: str) -> str:

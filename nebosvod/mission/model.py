@@ -99,6 +99,11 @@ class Mission(Block):
         return self._path
 
     @property
+    def was_read(self) -> bool:
+        """Whether it came from a file or text; a mission that Python or a command line made did not."""
+        return self._read_again is not None
+
+    @property
     def ephemeris_path(self) -> Path | None:
         """The ephemeris file the mission asks for, beside it; None = the one that is found."""
         if self.force_model.ephemeris is None or self._path is None:
@@ -204,7 +209,7 @@ class Mission(Block):
 
     @property
     def notices(self) -> tuple[str, ...]:
-        """What is said and not used: a sigma of something that every estimator, and the truth, holds fixed."""
+        """What is doubtful, and what is said and not used: a sigma of something that all, and the truth, hold fixed."""
         free = {parameter.name for parameter in self.free_parameters}
         held = [p.key for p in self.parameters if p.sigma is not None and p.name not in free]
         held += [
@@ -214,7 +219,8 @@ class Mission(Block):
             and all(self.source_treatment(estimator, source) == "fixed" for estimator in self.estimators)
         ]
         text = "is fixed: it has no error in this mission, in truth neither, and its sigma is not used"
-        return tuple(f"{name} {text} (ignored or considered would count it)" for name in held)
+        doubts = [f"{t.name}: {doubt}" for t in self.telescopes for doubt in getattr(t.orbit, "doubts", ())]
+        return (*(f"{name} {text} (ignored or considered would count it)" for name in held), *doubts)
 
     def treatment(self, estimator: Estimator, group: str) -> Treatment:
         """What an estimator does with a group of dynamic parameters (`Parameter.group`)."""
@@ -233,12 +239,17 @@ class Mission(Block):
         """The telescope of a name."""
         return next(t for t in self.telescopes if t.name == name)
 
-    def times_s(self, telescope: str) -> Array:
-        """Scheduled epochs (n,) of a telescope: TDB seconds after the reference epoch, ascending, each once."""
+    def times_s(self, telescope: str, arc: int | None = None) -> Array:
+        """Scheduled epochs (n,) of a telescope: TDB seconds after the reference epoch, ascending, each once.
+
+        Parameters
+        ----------
+        arc : number of one arc of the schedule; all of them when absent.
+        """
         parts = [
-            (arc.start - self.reference_epoch) + arc.after_start_s()
-            for arc in self.schedule
-            if arc.telescopes == "all" or telescope in arc.telescopes
+            (one.start - self.reference_epoch) + one.after_start_s()
+            for one in (self.schedule if arc is None else self.schedule[arc : arc + 1])
+            if one.telescopes == "all" or telescope in one.telescopes
         ]
         return np.unique(np.round(np.concatenate(parts), 6)) if parts else np.zeros(0)
 

@@ -13,6 +13,7 @@ from nebosvod.mission.fields import (
     Angle,
     Block,
     Complaints,
+    Inclination,
     KeyPath,
     Length,
     Parsed,
@@ -27,7 +28,6 @@ from nebosvod.units import AU_KM, DEG
 Frame = Literal["ecliptic_j2000", "icrf"]
 Representation = Literal["cometary", "keplerian", "equinoctial", "state"]
 Six = tuple[float, float, float, float, float, float]
-Inclination = Angle
 
 
 class CometaryOrbit(Block):
@@ -236,12 +236,14 @@ class SbdbOrbit(Block):
         if missing:
             return [(("covariance", "elements"), f"lacks {', '.join(missing)} (needs e, q, tp, om, w, i)")]
         try:
-            e, q = self.elements[:2]
+            e, q, *_, i = self.elements
             constants = {p.name: p.number for p in self.model_pars}
         except InputError as error:
             return [(("covariance", "elements"), str(error))]
         if e < 0.0 or q <= 0.0:
             return [(("covariance", "elements"), f"are no orbit (got e {e:g}, q {q:g} km; allowed e >= 0, q > 0)")]
+        if not 0.0 <= i <= 180.0 * DEG:
+            return [(("covariance", "elements"), f"are no orbit (got i {i / DEG:g} deg; allowed 0 deg to 180 deg)")]
         alien = [name for name in constants if name not in ("A1", "A2", "A3", *_JPL_LAW)]
         if alien:
             return [(("model_pars",), f"this version does not have the force of {', '.join(alien)[:60]}")]

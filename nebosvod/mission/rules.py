@@ -16,7 +16,7 @@ from nebosvod.mission.model import Mission
 from nebosvod.mission.orbit import SbdbOrbit
 from nebosvod.mission.request import FROM_A_PRIOR, OWN_GAIN, PARAMETER_GROUPS, Estimator, Prior, SkyPrediction
 from nebosvod.mission.sources import GROUPS
-from nebosvod.mission.spacecraft import Ground
+from nebosvod.mission.spacecraft import GEOCENTRES, Ground, underground
 from nebosvod.mission.uncertainty import Position
 from nebosvod.timescale import Epoch
 from nebosvod.yamlfile import shown
@@ -50,7 +50,7 @@ def complaints(mission: Mission) -> list[Complaint]:
             )
         )
     # the rules of estimators ask what is in the prior
-    plain, rules = (_references, _shared, _sites, _carried_covariances, _coverage), (_estimator, _method)
+    plain, rules = (_references, _shared, _sites, _turning, _carried_covariances, _coverage), (_estimator, _method)
     overrides = [] if prior else (rule(mission, i, e) for i, e in enumerate(mission.estimators) for rule in rules)
     return list(islice(chain(*(rule(mission) for rule in plain), prior, *overrides), MAX_PROBLEMS + 1))
 
@@ -144,6 +144,29 @@ def _sites(mission: Mission) -> Iterator[Complaint]:
             elif obscodes.needs_position(orbit.code):
                 text = f"{obscodes.described(orbit.code)} has no fixed place; say its orbit"
                 yield ("telescopes", i, "orbit", "code"), text
+            elif orbit.code not in GEOCENTRES and (text := underground(*obscodes.parallax(orbit.code))):
+                yield ("telescopes", i, "orbit", "code"), f"{text} ({obscodes.described(orbit.code)})"
+
+
+def _turning(mission: Mission) -> Iterator[Complaint]:
+    """A site on the ground measures while the rotation of the Earth is tabulated, unless it may be extrapolated."""
+    sites = [t.name for t in mission.telescopes if isinstance(t.orbit, Ground) and not t.orbit.extrapolate]
+    if not sites or any(_sites(mission)):
+        return
+    from nebosvod.observation.earth_orientation import table_span
+
+    first, last = table_span()
+    for i, arc in enumerate(mission.schedule):
+        here = [name for name in sites if arc.telescopes == "all" or name in arc.telescopes]
+        ends = (("start", arc.start), ("end", arc.start + float(arc.after_start_s()[-1]))) if here else ()
+        outside = next(((key, epoch) for key, epoch in ends if not first <= epoch <= last), None)
+        if outside is not None:
+            text = f"{here[0]} stands on the ground, and the Earth-rotation table covers {first.iso(digits=0)[:10]} to"
+            yield (
+                ("schedule", i, outside[0]),
+                f"{text} {last.iso(digits=0)[:10]} (got {outside[1].iso(digits=0)}); update astropy-iers-data for a "
+                "later end, or give its orbit extrapolate: true (0.5 m a day after it; 50 m before 1962)",
+            )
 
 
 def _carried_covariances(mission: Mission) -> Iterator[Complaint]:
@@ -233,6 +256,7 @@ def _prior(mission: Mission) -> Iterator[Complaint]:
     except InputError as error:
         yield ("prior",), f"the covariance cannot be used: it {error}"
         return
+    yield from _diffuse(mission)
     given = {p.name: p for p in mission.parameters}
     for name in joint:
         parameter = given.get(f"{name.lower()}_au_d2")
@@ -245,6 +269,18 @@ def _prior(mission: Mission) -> Iterator[Complaint]:
             )
         elif parameter.sigma is not None:
             yield place, f"{name} has its sigma in the prior's covariance and in object.nongrav; keep one of the two"
+
+
+def _diffuse(mission: Mission) -> Iterator[Complaint]:
+    """A prior orbit of another epoch, carried to the reference epoch, feels every parameter: each needs a sigma."""
+    prior = mission.covariance_prior
+    if prior is None or isinstance(mission, FitMission) or prior.epoch == mission.reference_epoch:
+        return
+    joint = {f"{name.lower()}_au_d2" for name in prior.names}
+    diffuse = [p.key for p in mission.free_parameters if p.sigma is None and p.name not in joint]
+    if diffuse:
+        text = f"is of {prior.epoch}, not of the reference epoch, and {', '.join(diffuse)} has no sigma"
+        yield ("prior",), f"{text}; give it one, or set reference_epoch to the epoch of the prior"
 
 
 def _estimator(mission: Mission, index: int, estimator: Estimator) -> Iterator[Complaint]:

@@ -253,3 +253,20 @@ def test_ephemeris_and_what_holds_it_are_shown_in_a_line(ephemeris: Ephemeris) -
     assert shown.startswith(f"Ephemeris({ephemeris.source}; ")
     assert shown.endswith(f"{ephemeris.span[0].iso(digits=0)} to {ephemeris.span[1].iso(digits=0)})")
     assert len(repr(ForceModel(ephemeris=ephemeris))) < 600
+
+
+def test_a_few_hours_beyond_its_ends_an_ephemeris_is_continued_to_better_than_it_is_known() -> None:
+    """Light left the object before the first epoch: the excerpt is held against the file that goes on."""
+    full = Ephemeris.load()
+    if "naif" not in full.source:
+        pytest.skip("the full DE440 is not installed")
+    excerpt = Ephemeris.load(DATA / "de440_1990_2060.bsp", DATA / "sb441_n16_1990_2060.bsp")
+    first, last = excerpt.coverage(asteroids=False)
+    for body in PLANETS:
+        for epoch, t_s in ((first, [-21600.0, -500.0]), (last, [500.0, 21600.0])):
+            apart = excerpt.position_km(body, epoch, t_s) - full.position_km(body, epoch, t_s)
+            assert np.abs(apart).max() < 1e-3
+    with pytest.raises(CoverageError, match="lies outside the ephemeris"):
+        excerpt.position_km("earth", first, -21601.0)
+    with pytest.raises(CoverageError, match="lies outside the ephemeris"):
+        excerpt.require(first, -1.0)
