@@ -13,6 +13,7 @@ import numpy.typing as npt
 from nebosvod.blame import Worlds, prediction_rows, state_rows
 from nebosvod.dynamics import Trajectory
 from nebosvod.errors import EventError
+from nebosvod.fit import usual_force
 from nebosvod.fit.engine import OrbitFit
 from nebosvod.fit.orbit import OrbitAt, compared, orbit_at
 from nebosvod.fit.stage import long_span, long_trajectory
@@ -51,6 +52,7 @@ class Answer:
     quantities: tuple[Quantity, ...]
     ended: Rows
     reference: Mapping[str, Any] | None
+    cautions: tuple[str, ...]
 
 
 def answer(found: OrbitFit) -> Answer:
@@ -65,7 +67,7 @@ def answer(found: OrbitFit) -> Answer:
     estimate = fit.estimate
     nothing = Answer(
         fit=found, trajectory=None, orbit=None, amid=None, further=(), budget=(), predictions=_none_of(found),
-        quantities=(), ended=(), reference=None,
+        quantities=(), ended=(), reference=None, cautions=(),
     )  # fmt: skip
     if estimate.solution is None:
         return nothing
@@ -95,6 +97,7 @@ def answer(found: OrbitFit) -> Answer:
         predictions=rows,
         quantities=asked,
         reference=None if reference is None else compared(reference, mission, estimate, amid, forces),
+        cautions=tuple(usual_force.cautions(found, scene, asked, rows)),
     )
 
 

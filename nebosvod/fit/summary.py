@@ -144,4 +144,4 @@ def _warnings(found: Answer) -> list[str]:
     ]
     fit = found.fit.general.fit
     ended = [f"no orbit at {row['epoch_tdb']}: {row['reason']}" for row in found.ended]
-    return [*said, *ended, *bent, *unknown, *fit.estimate.notes, *mean_error_notes(fit)]
+    return [*said, *found.cautions, *ended, *bent, *unknown, *fit.estimate.notes, *mean_error_notes(fit)]

@@ -340,3 +340,35 @@ def test_rejected_records_show_both_sigmas(world):
     assert one["residual_sigma_ra_arcsec"] == pytest.approx(spread[0], rel=1e-3)
     assert one["residual_sigma_dec_arcsec"] == pytest.approx(spread[1], rel=1e-3)
     assert one["residual_sigma_dec_arcsec"] > one["sigma_dec_arcsec"]
+
+
+def test_a_prediction_years_ahead_says_what_a_usual_a2_would_do(world, ephemeris):
+    """Against a world that has that A2: its directions are fitted by gravity alone, and the prediction misses it."""
+    rng = np.random.default_rng(12)
+    a2 = 4.6e-14 * 0.49 / 0.2
+    forces = ForceModel(ephemeris=ephemeris, nongrav=Nongrav(a2_au_d2=a2))
+    groups = site_records(rng, 3.0, 1e-7, 0.05)
+    rows = world.records(12, NEAR, *groups, forces=forces)
+    (world.folder / "far.psv").write_text(psv(rows), "utf-8")
+    head = {"schema_version": 1, "name": "far", "fit": {"observations": ["far.psv"], "night_limit": "off"}}
+    asked = [
+        {"name": "in 2045", "plane": "position", "at": "2045-03-01 TDB"},
+        {"name": "soon", "plane": "position", "at": "2025-01-01 TDB"},
+    ]
+    said = {}
+    for name, block in {"given": {"magnitude": {"H": 21.2, "G": 0.15}}, "unknown": {}}.items():
+        (world.folder / "far.yaml").write_text(yaml.safe_dump(head | {"object": block, "predictions": asked}), "utf-8")
+        folder = world.folder / name
+        main(["fit", str(world.folder / "far.yaml"), "-o", str(folder)])
+        said[name] = json.loads((folder / "summary.json").read_text("utf-8"))
+    texts = [text for text in said["given"]["warnings"] if "A2 is held at 0" in text]
+    assert len(texts) == 1
+    assert texts[0].startswith("in 2045 lies 20.7 years past the arc")
+    assert "H 21.2, albedo 0.14" in texts[0]
+    kilometres = float(texts[0].partition("for a diameter of ")[2].partition(" km")[0])
+    shift = float(texts[0].partition("move it by ")[2].partition(" km")[0])
+    when = Epoch.parse("2045-03-01 TDB") - EPOCH
+    truth = propagate(NEAR, EPOCH, [when], forces, sensitivities=False).state[0, :3]
+    there = np.array(next(row for row in said["given"]["predictions"] if row["name"] == "in 2045")["position_km"])
+    assert shift == pytest.approx(np.linalg.norm(there - truth) * 0.2 / kilometres, rel=0.1)
+    assert any("no magnitude is known" in text for text in said["unknown"]["warnings"])
