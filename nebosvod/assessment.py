@@ -17,9 +17,10 @@ from nebosvod.blame import Worlds, kind_of_problem, prediction_rows, state_rows
 from nebosvod.curves import curves
 from nebosvod.estimation import LinearProblem
 from nebosvod.fitting import Fit
+from nebosvod.foretold import Foretold, in_order, unanswered_row
 from nebosvod.montecarlo import Sample
 from nebosvod.nonlinearity import clones, impact_share, nonlinearity, spread_of
-from nebosvod.predictions import Foretold, Quantity, in_order, known_partials, prediction_row, unanswered_row
+from nebosvod.predictions import Quantity, known_partials, prediction_row
 from nebosvod.ratio import ratio
 from nebosvod.report.folder import slug
 from nebosvod.required import required

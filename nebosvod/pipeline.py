@@ -14,9 +14,9 @@ from nebosvod import __version__
 from nebosvod.assembly import View, computed_psi, linear_problem, nominal_point, view
 from nebosvod.assessment import assess
 from nebosvod.fitting import Fit, fit
+from nebosvod.foretold import foretell
 from nebosvod.mission import Mission
 from nebosvod.montecarlo import Sample, consistency, consistency_block, repeat_all
-from nebosvod.predictions import foretell
 from nebosvod.prior import PriorTable, prior_table
 from nebosvod.result import Result
 from nebosvod.scene import Scene, build_scene

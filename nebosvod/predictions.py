@@ -6,17 +6,15 @@ source of the budget reaches it through the same factors.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from nebosvod.dynamics import Trajectory
-from nebosvod.dynamics.surface import SURFACE_KM
 from nebosvod.errors import CoverageError, NoAnswerError
 from nebosvod.estimation import Estimate, ellipse
 from nebosvod.estimation.inside import inside_disc
-from nebosvod.fitting import Fit
 from nebosvod.impact import BELOW_S, what_it_hits
 from nebosvod.mission.request import EncounterPrediction, Prediction, SkyPrediction, StatePrediction
 from nebosvod.observation import observe
@@ -72,71 +70,6 @@ class Disc:
     value: Array
     partials: Array
     radius_km: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Unanswered:
-    """A prediction that does not exist for this orbit.
-
-    Attributes
-    ----------
-    request, status, reason : what was asked, one word, and the sentence that says why.
-    facts : what is known all the same, units in the key names.
-    disc, names : of its encounter, as of `Quantity`.
-    """
-
-    request: Prediction
-    status: str
-    reason: str
-    facts: Mapping[str, Any]
-    disc: Disc | None = None
-    names: tuple[str, ...] = ()
-
-
-class Foretold(NamedTuple):
-    """The predictions that exist for an orbit and can be believed, and the others."""
-
-    found: list[Quantity]
-    missing: list[Unanswered]
-
-
-def predicted(scene: Scene, trajectory: Trajectory, requests: Sequence[Prediction]) -> Foretold:
-    """The predictions that exist for an orbit, and those that do not."""
-    found, missing = [], []
-    for request in requests:
-        try:
-            found.append(quantity(scene, trajectory, request))
-        except NoAnswerError as error:
-            missing.append(unanswered(request, error, trajectory))
-    return Foretold(found, missing)
-
-
-def foretell(scene: Scene, fit: Fit, trajectory: Trajectory | None = None) -> Foretold:
-    """All predictions of a mission on the orbit one estimator found.
-
-    Parameters
-    ----------
-    trajectory : that orbit over everything that is asked for; by default as it was estimated.
-    """
-    requests, orbit = scene.mission.predictions, fit.trajectory if trajectory is None else trajectory
-    if fit.estimate.solution is None:
-        reason = f"the measurements do not determine the orbit: {fit.message}"
-        return Foretold(found=[], missing=[unknown_orbit(request, reason) for request in requests])
-    found, missing = predicted(scene, orbit, requests)
-    return believable(found, missing, fit.estimate)
-
-
-def unknown_orbit(request: Prediction, reason: str) -> Unanswered:
-    """What is said of a prediction when no orbit is known."""
-    return Unanswered(request=request, status="orbit_unknown", reason=reason, facts={})
-
-
-def unanswered(request: Prediction, error: NoAnswerError, trajectory: Trajectory | None = None) -> Unanswered:
-    """What an error says of a prediction."""
-    facts = dict(error.facts)
-    disc = facts.pop("disc", None)
-    names = (*STATE_NAMES, *trajectory.parameter_names) if trajectory is not None else ()
-    return Unanswered(request=request, status=error.status, reason=str(error), facts=facts, disc=disc, names=names)
 
 
 def time_scale(request: Prediction) -> Scale:
@@ -318,37 +251,10 @@ def prediction_row(
             centre = asked.value - off
             row["impact_probability_linear"] = inside_disc(centre, found.factor, asked.facts["capture_radius_km"])
             return row
-    return row | _chance(asked.disc, asked.names, estimate, mean_errors)
+    return row | chance(asked.disc, asked.names, estimate, mean_errors)
 
 
-def unanswered_row(
-    missing: Unanswered, estimate: Estimate | None, estimator: str, mean_errors: Mapping[str, float] | None = None
-) -> dict[str, Any]:
-    """One entry of `predictions` for what does not exist for this orbit: status and reason instead of numbers."""
-    request = missing.request
-    row: dict[str, Any] = {
-        "name": request.name,
-        "estimator": estimator,
-        "status": missing.status,
-        "reason": missing.reason,
-        "asked_tdb": request.when.iso(),
-        "asked_utc": request.when.iso("utc"),
-        "time_scale": time_scale(request),
-        "plane": request.plane,
-        **missing.facts,
-    }
-    if missing.disc is not None and estimate is not None:
-        row |= _chance(missing.disc, missing.names, estimate, mean_errors)
-    return row
-
-
-def in_order(rows: Sequence[dict[str, Any]], requests: Sequence[Prediction]) -> list[dict[str, Any]]:
-    """Rows of one estimator in the order in which a mission asks for them."""
-    place = {request.name: index for index, request in enumerate(requests)}
-    return sorted(rows, key=lambda row: place[row["name"]])
-
-
-def _chance(
+def chance(
     disc: Disc | None, names: Sequence[str], estimate: Estimate, mean_errors: Mapping[str, float] | None
 ) -> dict[str, float]:
     """Chance of impact: a normal distribution on the b-plane, over the disc whose orbits hit the body."""
@@ -364,40 +270,6 @@ def _known(partials: Array, names: Sequence[str], estimate: Estimate) -> tuple[A
     known = set(estimate.names) | set(estimate.left_out)
     keep = [index for index, name in enumerate(names) if name in known]
     return partials[:, keep], tuple(names[index] for index in keep)
-
-
-def believable(found: Sequence[Quantity], missing: Sequence[Unanswered], estimate: Estimate) -> Foretold:
-    """The same without those whose 1 sigma ellipse is larger than the body, or the sky, it lies on."""
-    kept, without = [], list(missing)
-    for one in found:
-        said = _too_large(one, estimate)
-        if said is None:
-            kept.append(one)
-        else:
-            without.append(
-                Unanswered(
-                    request=one.request, status="too_uncertain", reason=said, facts=one.facts, disc=one.disc,
-                    names=one.names,
-                )
-            )  # fmt: skip
-    return Foretold(kept, without)
-
-
-def _too_large(one: Quantity, estimate: Estimate) -> str | None:
-    """Why an ellipse is no answer, or None."""
-    sky, ground = one.unit == "arcsec", one.request.plane == "entry"
-    if not (sky or ground):
-        return None
-    sigma = estimate.predict(*known_partials(one, estimate)).factor
-    axes = np.linalg.svd(sigma, compute_uv=False)
-    radius = 1.0 / ARCSEC if sky else SURFACE_KM[one.facts["body"]] + one.facts["altitude_km"]
-    if axes[0] < radius:
-        return None
-    size = " x ".join(f"{axis * ARCSEC / np.radians(1.0) if sky else axis:.4g}" for axis in axes)
-    what = "deg, larger than the sky" if sky else f"km, larger than {one.facts['body']} at that altitude"
-    return f"the 1 sigma ellipse would be {size} {what}: this orbit does not tell where; ask for b_plane" + (
-        " or rtn" if sky else ""
-    )
 
 
 def _level(sigma: float, size: int) -> dict[str, float]:

@@ -22,10 +22,10 @@ from nebosvod.errors import GeometryError, InputError
 from nebosvod.estimation import Block, Markov, White
 from nebosvod.estimation.repeated import first_determined
 from nebosvod.executor import run_tasks
+from nebosvod.foretold import predicted
 from nebosvod.mission import Mission
 from nebosvod.mission.cost import MAX_RUNS
 from nebosvod.mission.request import OWN_GAIN
-from nebosvod.predictions import predicted
 from nebosvod.prior import STATE_NAMES
 from nebosvod.result import json_text
 from nebosvod.trial import LINEAR_SIGMA, Estimating, Setting, second_order

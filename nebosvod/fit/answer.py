@@ -17,10 +17,11 @@ from nebosvod.fit import usual_force
 from nebosvod.fit.engine import OrbitFit
 from nebosvod.fit.orbit import OrbitAt, compared, orbit_at
 from nebosvod.fit.stage import long_span, long_trajectory
+from nebosvod.foretold import foretell, in_order, unanswered_row, unknown_orbit
 from nebosvod.impact import what_it_hits
 from nebosvod.mission import FitMission
 from nebosvod.nonlinearity import nonlinearity
-from nebosvod.predictions import Quantity, foretell, in_order, prediction_row, unanswered_row, unknown_orbit
+from nebosvod.predictions import Quantity, prediction_row
 from nebosvod.prior import STATE_NAMES
 from nebosvod.scene import Scene
 

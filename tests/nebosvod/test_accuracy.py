@@ -11,9 +11,10 @@ from nebosvod.assembly import View, computed_psi
 from nebosvod.estimation import guaranteed
 from nebosvod.estimation.sources import measurement_gain
 from nebosvod.fitting import Fit, fit
+from nebosvod.foretold import Foretold
 from nebosvod.mission import Mission, load_mission_text
 from nebosvod.montecarlo import repeat
-from nebosvod.predictions import Foretold, Quantity, known_partials, quantity
+from nebosvod.predictions import Quantity, known_partials, quantity
 from nebosvod.prior import PriorTable
 from nebosvod.scene import Scene
 
