@@ -1,14 +1,18 @@
 """Collisions: whether and when an orbit comes to the surface of a body that attracts it."""
 
 from collections.abc import Callable
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
 
 from nebosvod.dynamics.encounter import closest_approaches, relative_state
+from nebosvod.dynamics.ephemeris import ASTEROID_NUMBERS, Ephemeris
+from nebosvod.dynamics.model import ForceModel
 from nebosvod.dynamics.surface import SURFACE_KM, height_km
 from nebosvod.dynamics.trajectory import Trajectory
 from nebosvod.errors import ImpactError
+from nebosvod.timescale import Epoch
 
 Array = npt.NDArray[np.float64]
 IMPACT_TIDE = 1e-7  # s^-2: GM/r^3 at the surface of every body is larger (Saturn 1.7e-7)
@@ -44,6 +48,39 @@ def require_no_impact(trajectory: Trajectory, tide: Array) -> None:
                     body=body,
                     t_s=t,
                 )
+
+
+def require_start_above(start: Array, epoch: Epoch, forces: ForceModel) -> None:
+    """Raise ImpactError if an orbit begins below the surface of the Sun, a planet or the Moon.
+
+    Integrating it first would take millions of steps about the centre. An asteroid is no obstacle: the orbit that
+    begins there is the asteroid's own.
+
+    Parameters
+    ----------
+    start : heliocentric ICRF state (6,) at the epoch, km and km/s.
+    """
+    names = tuple(body for body in forces.bodies if body in SURFACE_KM and body not in ASTEROID_NUMBERS)
+    places, radii = _places(forces.ephemeris, epoch, names)
+    distances = np.linalg.norm(start[:3] - places, axis=1)
+    for k in np.flatnonzero(distances < radii):
+        body = names[k]
+        if height_km(body, (start[:3] - places[k])[None], epoch, np.zeros(1))[0] < 0.0:
+            raise ImpactError(
+                f"the asteroid hits {body} at about {epoch.iso(digits=0)}: {distances[k]:.0f} km from its centre, "
+                f"radius {radii[k]:.0f} km; {_advice(0.0)}",
+                body=body,
+                t_s=0.0,
+            )
+
+
+@lru_cache(maxsize=64)
+def _places(ephemeris: Ephemeris, epoch: Epoch, bodies: tuple[str, ...]) -> tuple[Array, Array]:
+    """Heliocentric places (k, 3) and radii (k,) of bodies, km: a fit begins at one epoch many times."""
+    now = np.zeros(1)
+    sun = ephemeris.position_km("sun", epoch, now)[0]
+    places = np.array([ephemeris.position_km(body, epoch, now)[0] - sun for body in bodies]).reshape(-1, 3)
+    return places, np.array([SURFACE_KM[body] for body in bodies])
 
 
 def _within_reach(trajectory: Trajectory, body: str, ends: Array) -> npt.NDArray[np.bool_]:

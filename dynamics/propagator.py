@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nebosvod.dynamics import integrator
-from nebosvod.dynamics.collision import require_no_impact
+from nebosvod.dynamics.collision import require_no_impact, require_start_above
 from nebosvod.dynamics.dense import join
 from nebosvod.dynamics.ephemeris import BEYOND_S
 from nebosvod.dynamics.model import ForceModel, Physics
@@ -70,6 +70,8 @@ def propagate(
     low, high = _span(forces, epoch, min(0.0, low), max(0.0, high), margin_s)
     window = forces.window(epoch, low, high)
     barycentric = start[None] + forces.ephemeris.sun_at(epoch)
+    if solid:
+        require_start_above(start, epoch, forces)
     columns, chain = forces.columns()
     if not sensitivities:
         columns = columns[:0]

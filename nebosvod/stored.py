@@ -9,6 +9,7 @@ import json
 import math
 import os
 import stat
+import tokenize
 import zipfile
 import zlib
 from collections.abc import Iterator, Mapping
@@ -159,7 +160,7 @@ def read_arrays(path: Path) -> Arrays:
     except InputError:
         raise
     except (ValueError, OSError, EOFError, LookupError, RuntimeError, NotImplementedError, TypeError, SyntaxError,
-            zipfile.BadZipFile, zlib.error, MemoryError, OverflowError) as error:  # fmt: skip
+            zipfile.BadZipFile, zlib.error, MemoryError, OverflowError, tokenize.TokenError) as error:  # fmt: skip
         inside = f"{name}: " if name else ""
         raise InputError(f"{path}: cannot be read ({inside}{str(error)[:200]}); make the run again") from None
     return arrays

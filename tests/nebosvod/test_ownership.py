@@ -252,3 +252,65 @@ def earlier(folder: Path) -> None:
 def killed(script: Path, folder: Path, step: int, way: str) -> int:
     command = [sys.executable, str(script), str(folder), str(step), way]
     return subprocess.run(command, capture_output=True, timeout=60, check=False).returncode
+
+
+RECEIVED = ("report.html", "manifest.json", "summary.json", ".run.lock", "tables/visibility.ecsv", "report.pdf")
+
+
+@pytest.mark.parametrize("name", RECEIVED)
+def test_report_of_a_received_folder_follows_no_link(name: str, run: Path, tmp_path: Path) -> None:
+    """The link leads to a file of the same contents outside: nothing there may change, and nothing be read from it."""
+    place = run.parent / name if name == ".run.lock" else run / name
+    victim = tmp_path / "victim"
+    victim.write_bytes(place.read_bytes() if place.exists() else b"precious")
+    place.unlink(missing_ok=True)
+    place.symlink_to(victim)
+    before = victim.read_bytes()
+    assert main(["report", str(run), *(["--pdf"] if name == "report.pdf" else [])]) in (2, 3)
+    assert victim.read_bytes() == before
+    assert place.is_symlink()
+
+
+@pytest.mark.parametrize(
+    "name", [".report.html.partial", ".manifest.json.partial", ".nebosvod-0123456789abcdef.partial"]
+)
+def test_report_writes_to_no_name_that_could_be_prepared(name: str, run: Path, tmp_path: Path) -> None:
+    victim = tmp_path / "victim"
+    victim.write_bytes(b"precious")
+    (run / name).symlink_to(victim)
+    assert main(["report", str(run)]) == 0
+    assert victim.read_bytes() == b"precious"
+    assert (run / name).is_symlink()
+
+
+def test_report_says_what_was_changed_and_goes_on_saying_it(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    summary = json.loads((run / "summary.json").read_text("utf-8"))
+    summary["estimators"][0]["sigma_position_km"] *= 0.5
+    (run / "summary.json").write_text(json.dumps(summary), "utf-8")
+    for _ in range(2):
+        assert main(["report", str(run)]) == 0
+        assert "summary.json: changed since the program wrote it" in capsys.readouterr().err
+    assert main(["compare", str(run), str(run.parent / "run")]) == 2
+    summary["estimators"][0]["sigma_position_km"] = "small"
+    (run / "summary.json").write_text(json.dumps(summary), "utf-8")
+    assert main(["report", str(run)]) == 2
+    assert "summary.json: estimators[0].sigma_position_km: needs number" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("kind", ["file", "link", "missing folder", "twice"])
+def test_pages_are_refused_before_computing(
+    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page = tmp_path / "p.html"
+    if kind == "file":
+        page.write_text("mine", "utf-8")
+    elif kind == "link":
+        page.symlink_to(tmp_path / "nowhere")
+    elif kind == "missing folder":
+        page = tmp_path / "no" / "p.html"
+    monkeypatch.setattr("nebosvod.plan.plan", lambda *args, **words: pytest.fail("computed first"))
+    more = ["-o", str(page)] if kind == "twice" else []
+    before = tree(tmp_path)
+    assert main(["plan", "minimal", "--page", str(page), *more]) == 3
+    assert str(page) in capsys.readouterr().err
+    assert tree(tmp_path) == before
