@@ -118,7 +118,7 @@ def read_spk(path: str | Path, target: int | None = None) -> ChebyshevOrbit | Ta
     path = Path(path)
     try:
         summaries = read_summaries(path).values
-        with path.open("rb") as stream:
+        with path.open("rb") as stream, np.errstate(all="ignore"):
             return _read(path, DAF(stream), summaries, target)
     except InputError as error:  # numbers that no orbit has
         raise DataError(f"{path}: {error}") from None

@@ -19,6 +19,7 @@ import zipfile
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import redirect_stderr, redirect_stdout
+from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
@@ -60,7 +61,7 @@ def change_value(rng: random.Random, record: Any) -> None:
         holder = holder[key]
     what = rng.randrange(8)
     if what < 4:
-        holder[last] = rng.choice(ODD)
+        holder[last] = deepcopy(rng.choice(ODD))
     elif what == 4:
         del holder[last]
     elif what == 5 and isinstance(holder, list):
