@@ -49,7 +49,7 @@ def orbits() -> dict[str, np.ndarray]:
         raise RuntimeError("benchmarks/propagation.py is not beside this file")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    return {name: module.start_km(state) for name, state in module.OBJECTS.items()}
+    return {name: module.start_km(name) for name in module.OBJECTS}
 
 
 def sky_of(state: np.ndarray, forces: ForceModel, n: int, days: float, rng: np.random.Generator) -> Sky:

@@ -15,8 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.stats import chi2 as chi_square
-from scipy.stats import norm
+from scipy.special import chdtrc, chdtri, ndtri
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
@@ -62,9 +61,9 @@ class Score:
 
 def sigmas(statistic: float, freedom: int) -> float:
     """As many sigmas of one normal number as chi squared with these degrees of freedom is rare."""
-    chance = float(chi_square.sf(statistic, freedom))
+    chance = float(chdtrc(freedom, statistic))
     if chance > 1e-280:
-        return float(norm.isf(chance / 2.0))
+        return float(-ndtri(chance / 2.0))
     return float(np.sqrt(max(statistic - (freedom - 1) * np.log(max(statistic, 1.0)), 0.0)))
 
 
@@ -104,7 +103,7 @@ def score_test(
     trusting = everyone or inside.mean() <= 0.5  # else gross errors would lead
     used = np.ones(len(q), dtype=np.bool_) if trusting else inside.copy()
     found = _solved(q, B, G, information, slope, inside, used)
-    middle = float(np.sqrt(chi_square.median(q.shape[1])))
+    middle = float(np.sqrt(chdtri(q.shape[1], 0.5)))
     for _ in range(TRIMS if len(q) >= FEW else 0):
         if found is None:
             return None

@@ -91,7 +91,7 @@ def missing_forces(
     for k, name in enumerate(names):
         G = columns[:, :, k, None]
         before = footing.score(every, G[every], night[every], everyone=True)
-        after = footing.score(kept, G[kept], night[kept])
+        after = before if len(kept) == len(every) else footing.score(kept, G[kept], night[kept])
         if after is None:
             continue
         tested.append(_told(name, before, after, footing, columns[:, :, k], found.S))

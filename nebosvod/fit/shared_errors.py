@@ -27,8 +27,8 @@ LEAST = 3  # records that share an error
 CYCLES = (3, 10, 30)  # of the wander over the span of the records, each tried
 PARTS = 64  # of the span, whose means tell whether to look for a wander
 BESIDE = {"drift": slice(2, 4), "wander": slice(4, None)}  # what a kind adds to those before it
-PROMISING = 9.0  # of the statistic by selected records alone, below which the full test is spared
-MANY = 60  # records, whose full test is never spared
+PROMISING = 12.0  # of the statistic by selected records alone, below which the full test is spared
+MANY = 48  # records, from which a wander is looked for whatever the slopes say
 DESERTED = 0.3  # of the records rejected: the full test is made whatever the selected say
 
 
@@ -188,7 +188,7 @@ def groups(t_s: Array, records: Records) -> Iterator[tuple[str, Rows, bool]]:
 def _promising(footing: Footing, rows: Rows) -> bool:
     """Whether a full test is worth its time, by the slopes of the selected records alone."""
     kept = rows[footing.selected[rows]]
-    if len(kept) < (1.0 - DESERTED) * len(rows) or len(rows) >= MANY:
+    if len(kept) < (1.0 - DESERTED) * len(rows):
         return True
     day = (footing.t_s[kept] - footing.t_s[kept].mean())[:, None, None] / SECONDS_PER_DAY
     eye = np.broadcast_to(np.eye(2), (len(kept), 2, 2))
@@ -198,7 +198,11 @@ def _promising(footing: Footing, rows: Rows) -> bool:
     own = np.einsum("nik,nik->k", G, G)
     left = own - np.sum(N_cx**2, axis=1) / np.maximum(np.diag(footing.information).mean(), 1e-300)
     scatter = min(float(np.mean(footing.q[kept] ** 2)), 1.0)
-    return bool(np.any(slope**2 > PROMISING * scatter * np.maximum(left, 1e-3 * own)))
+    if np.any(slope**2 > PROMISING * scatter * np.maximum(left, 1e-3 * own)):
+        return True
+    t_s = footing.t_s[rows]
+    span = max(float(np.ptp(t_s)), 1e-9)
+    return len(rows) >= MANY and _uneven(footing.q[rows], 2.0 * np.pi * (t_s - t_s.min()) / span)
 
 
 def examined(
