@@ -223,6 +223,7 @@ def _numbers(row: Mapping[str, Any]) -> dict[str, Any]:
         "angle_deg": row.get("angle_deg"),
         "mean": row.get(f"mean_{unit}") or [0.0] * size,
         "covariance": row[f"covariance_{unit}2"],
+        "factor": row.get(f"factor_{unit}"),
     }
 
 
@@ -273,6 +274,6 @@ def shown_budget(rows: Sequence[Mapping[str, Any]], telescopes: Sequence[str], m
 
 def _ellipse(row: Mapping[str, Any]) -> dict[str, Any]:
     """For a figure: one-sigma ellipses of a prediction over each other."""
-    keys = ("mean", "covariance", "semi_axes", "angle_deg")
+    keys = ("mean", "covariance", "factor", "semi_axes", "angle_deg")
     shown = [None if one is None else {key: one[key] for key in keys} for one in row["by_run"]]
     return {"name": row["name"], "plane": row["plane"], "unit": row["unit"], "sigma_level": 1.0, "by_run": shown}

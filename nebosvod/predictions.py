@@ -15,6 +15,7 @@ from nebosvod.dynamics import Trajectory
 from nebosvod.errors import CoverageError, NoAnswerError
 from nebosvod.estimation import Estimate, ellipse
 from nebosvod.estimation.inside import inside_disc
+from nebosvod.formed import matrices
 from nebosvod.impact import BELOW_S, what_it_hits
 from nebosvod.mission.request import EncounterPrediction, Prediction, SkyPrediction, StatePrediction
 from nebosvod.observation import observe
@@ -234,8 +235,9 @@ def prediction_row(
         f"sigma_formal_{unit}": found.sigma_formal.tolist(),
         f"mean_error_{unit}": off.tolist(),
         f"max_deviation_{unit}": ellipse.maximum_deviation(shift, found.sigma, SIGMAS).tolist(),
-        f"covariance_{unit}2": found.covariance.tolist(),
-        f"covariance_formal_{unit}2": found.covariance_formal.tolist(),
+        **matrices(**{f"covariance_{unit}2": found.factor, f"covariance_formal_{unit}2": found.factor_formal}),
+        f"factor_{unit}": found.factor.tolist(),
+        f"factor_formal_{unit}": found.factor_formal.tolist(),
         "probability": ellipse.probability(1.0, size),
         "ellipse_levels": [_level(sigma, size) for sigma in (1.0, 2.0, 3.0)]
         + [_level(ellipse.level_of(inside, size), size) for inside in INSIDE],

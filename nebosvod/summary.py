@@ -13,6 +13,7 @@ from nebosvod.dynamics.constants import SOLAR_IRRADIANCE_W_M2
 from nebosvod.estimation import ellipse
 from nebosvod.estimation.square_root import lower_factor
 from nebosvod.fitting import Fit
+from nebosvod.formed import matrices
 from nebosvod.observation.sites import GroundSite
 from nebosvod.outlook import answered, bent_words, impact_rows
 from nebosvod.predictions import M_PER_KM, SIGMAS
@@ -90,18 +91,18 @@ def estimator_row(scene: Scene, priors: PriorTable, fit: Fit) -> dict[str, Any]:
         "weak_direction": {} if estimate.solution is not None else dict(estimate.weak_direction),
     }
     if estimate.solution is None:
-        matrices = ("covariance_km_km_s", "covariance_formal_km_km_s", "factor_km_km_s")
-        empty = ("chi2", "state_km_km_s", *matrices, "mean_error_km_km_s", "max_deviation_km_km_s")
+        held = ("covariance_km_km_s", "covariance_formal_km_km_s", "factor_km_km_s")
+        empty = ("chi2", "state_km_km_s", *held, "mean_error_km_km_s", "max_deviation_km_km_s")
         sigmas = ("sigma_position_km", "sigma_velocity_m_s", "sigma_formal_position_km", "sigma_formal_velocity_m_s")
-        return row | dict.fromkeys((*empty, *sigmas)) | {"parameters": {}}
+        lost = {"covariance_reason": estimate.message, "factor_formal_km_km_s": None}
+        return row | dict.fromkeys((*empty, *sigmas)) | lost | {"parameters": {}}
     index = [estimate.names.index(name) for name in STATE_NAMES]
     formal = estimate.S_formal[index] @ estimate.S_formal[index].T
     true = estimate.covariance(STATE_NAMES)
     return row | {
         "chi2": estimate.chi2,
         "state_km_km_s": fit.point.state.tolist(),
-        "covariance_km_km_s": true.tolist(),
-        "covariance_formal_km_km_s": formal.tolist(),
+        **matrices(covariance_km_km_s=estimate.factor(STATE_NAMES), covariance_formal_km_km_s=estimate.S_formal[index]),
         "factor_km_km_s": estimate.factor(STATE_NAMES).tolist(),
         "factor_formal_km_km_s": lower_factor(estimate.S_formal[index]).tolist(),
         **_mean_error(fit, np.sqrt(np.diag(true))),

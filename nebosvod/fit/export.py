@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from nebosvod.fit.answer import Answer
+from nebosvod.formed import formed
 from nebosvod.timescale import SECONDS_PER_DAY
 
 MOST_STATES = 4000  # of an OEM; a day apart where they suffice
@@ -21,7 +22,8 @@ def exports(found: Answer) -> Mapping[str, bytes]:
     Notes
     -----
     Both cover the observations and everything the answer asks for. The covariance of the OEM is the true one of the
-    state, carried by the transition matrix alone: that of uncertain dynamic parameters beyond the fit is not in it.
+    state, carried by the transition matrix alone: that of uncertain dynamic parameters beyond the fit is not in it. One
+    that double precision cannot hold is left out.
     """
     if found.trajectory is None or found.amid is None:
         return {}
@@ -38,7 +40,7 @@ def exports(found: Answer) -> Mapping[str, bytes]:
             object_name=plain,
             object_id=plain,
             created=datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%S"),
-            covariance=found.amid.covariance,
+            covariance=found.amid.covariance if formed(found.amid.S) else None,
         )
         found.trajectory.to_spk(spk, naif_number(name), plain[:NAME_LENGTH])
         return {"orbit.oem": oem.read_bytes(), "orbit.bsp": spk.read_bytes()}

@@ -11,6 +11,7 @@ from nebosvod.dynamics import ForceModel, Nongrav, Trajectory, propagate
 from nebosvod.dynamics.elements import cometary_to_state, state_to_cometary, state_to_keplerian
 from nebosvod.errors import CoverageError, EventError, GeometryError
 from nebosvod.estimation import Estimate, lower_factor
+from nebosvod.formed import matrices
 from nebosvod.mission import FitMission
 from nebosvod.mission.fit import Reference
 from nebosvod.mission.orbit import SbdbOrbit
@@ -107,8 +108,8 @@ def elements_block(orbit: OrbitAt) -> dict[str, Any] | None:
         sigma = np.linalg.norm(factor, axis=1)
         block |= {name: {"value": float(v), "sigma": float(s)} for name, v, s in zip(names, values, sigma)}
     block["names"] = list(ELEMENTS)
-    block["covariance"] = (cometary[1] @ cometary[1].T).tolist()
-    return block
+    S = lower_factor(cometary[1])
+    return block | matrices(covariance=S) | {"factor": S.tolist()}
 
 
 def compared(

@@ -12,6 +12,7 @@ from nebosvod.fit.findings import force_rows, notices, shared_rows
 from nebosvod.fit.orbit import OrbitAt, elements_block
 from nebosvod.fit.stage import beyond_tables
 from nebosvod.fit.verdict import arc_words
+from nebosvod.formed import matrices
 from nebosvod.outlook import answered, bent_words, impact_rows
 from nebosvod.predictions import M_PER_KM
 from nebosvod.summary import estimator_row, mean_error_notes
@@ -99,7 +100,7 @@ def orbit_block(orbit: OrbitAt) -> dict[str, Any]:
         "epoch_tdb": orbit.epoch.iso(),
         "epoch_jd_tdb": [orbit.epoch.day, orbit.epoch.fraction],
         "state_km_km_s": orbit.state.tolist(),
-        "covariance_km_km_s": orbit.covariance.tolist(),
+        **matrices(covariance_km_km_s=orbit.S),
         "factor_km_km_s": orbit.S.tolist(),
         "sigma_km_km_s": np.sqrt(variance).tolist(),
         "sigma_position_km": float(np.sqrt(variance[:3].sum())),

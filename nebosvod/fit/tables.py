@@ -9,6 +9,7 @@ import numpy.typing as npt
 from nebosvod.blame import REMEDIES
 from nebosvod.fit.answer import ARCSEC, Answer, station_rows
 from nebosvod.fit.orbit import ELEMENTS, OrbitAt
+from nebosvod.formed import formed
 from nebosvod.prior import STATE_NAMES
 from nebosvod.result import Table
 from nebosvod.summary import estimator_row
@@ -91,14 +92,15 @@ def orbit_table(orbits: Sequence[OrbitAt]) -> Table:
         columns[f"sigma_{name}"] = np.array(
             [np.nan if found is None else np.linalg.norm(found[1][k]) for found in elements]
         )
+    held = [np.array(formed(one.S) or np.full((6, 6), np.nan)) for one in orbits]
     for i in range(6):
         for j in range(i + 1):
-            columns[f"covariance_{i}{j}"] = np.array([one.covariance[i, j] for one in orbits])
+            columns[f"covariance_{i}{j}"] = np.array([K[i, j] for K in held])
     return Table(
         columns=columns,
         units={},
         description="Heliocentric ICRF state (km, km/s) and ecliptic J2000 elements with 1 sigma, units in the names; "
-        "covariance_ij of the state, lower triangle",
+        "covariance_ij of the state, lower triangle; nan where double precision does not hold it",
     )
 
 

@@ -8,6 +8,7 @@ from markupsafe import Markup
 
 from nebosvod.compare import shown_budget
 from nebosvod.errors import listed
+from nebosvod.formed import matrix_of
 from nebosvod.report import wording
 from nebosvod.report.base import render
 from nebosvod.report.chart import Chart
@@ -59,7 +60,8 @@ def ellipse_plate(row: Item, labels: Sequence[str]) -> Plate:
     """The 3-sigma ellipses of one prediction of all runs over each other, each about its own predicted value."""
     shown = [(k, one) for k, one in enumerate(row["by_run"]) if one is not None]
     unit, names = row["unit"], wording.axis_names(row["plane"], 2)
-    covariances = [np.array(one["covariance"]) for _, one in shown]
+    held = [matrix_of(one, "covariance", "factor") for _, one in shown]
+    covariances = [np.diag(np.square(one["sigma"])) if K is None else K for K, (_, one) in zip(held, shown)]
     reach = LEVEL * ROOM * max(float(np.sqrt(np.diag(K)).max()) for K in covariances)
     factor, text = wording.scale_of(reach, unit)
     x, y = (linear([-factor * reach, factor * reach], f"Δ {name}, {text}", pad=0.0) for name in names)

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
+from nebosvod.formed import matrix_of
 from nebosvod.report import wording
 from nebosvod.report.chart import Chart, Panel
 from nebosvod.report.download import Download, csv
@@ -41,10 +42,10 @@ def drawn_orbits(run: RunFolder, prediction: Item) -> Array | None:
 def ellipse_plate(prediction: Item, drawn: Array | None = None) -> Plate | None:
     """The ellipse of one prediction in its plane; None where it has no two-dimensional covariance."""
     unit = unit_of(prediction)
-    K = _covariance(prediction.get(f"covariance_{unit}2"))
+    K = _covariance(matrix_of(prediction, f"covariance_{unit}2", f"factor_{unit}"))
     if K is None:
         return None
-    formal = _covariance(prediction.get(f"covariance_formal_{unit}2"))
+    formal = _covariance(matrix_of(prediction, f"covariance_formal_{unit}2", f"factor_formal_{unit}"))
     eigenvalues, vectors = np.linalg.eigh(K)
     minor, major = np.sqrt(np.maximum(eigenvalues, 0.0))
     if not major > 0:

@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 from markupsafe import Markup
 
+from nebosvod.formed import matrix_of
 from nebosvod.report.chart import Chart
 from nebosvod.report.download import csv
 from nebosvod.report.folder import Array, Item, RunFolder
@@ -140,7 +141,9 @@ def station_plate(rows: list[Item]) -> Plate | None:
 def correlation_plate(elements: Item) -> Plate:
     """Correlations of the elements as a square of shades."""
     names = {"e": "e", "q_au": "q", "tp_jd_tdb": "tp", "node_deg": "node", "peri_deg": "peri", "i_deg": "i"}
-    K = np.array(elements["covariance"], dtype=np.float64)
+    K = matrix_of(elements, "covariance", "factor")
+    if K is None:
+        raise ValueError("elements without a covariance have no correlations")
     sigma = np.sqrt(np.diag(K))
     r = K / sigma[:, None] / sigma
     labels = [names[name] for name in elements["names"]]

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
+from nebosvod.formed import matrix_of
 from nebosvod.ownership import MARK
 from nebosvod.report import wording
 from nebosvod.report.facts import formal_ratio, impact_clause, leading, unit_of, when
@@ -202,6 +203,9 @@ def _axes_of(prediction: Item | None, kind: str) -> Cell:
     unit = unit_of(prediction)
     if kind == "true":
         return product(prediction[f"semi_axes_{unit}"], unit)
+    if prediction.get(f"factor_formal_{unit}") is not None:
+        lengths = np.linalg.svd(np.array(prediction[f"factor_formal_{unit}"]), compute_uv=False)
+        return product(lengths.tolist(), unit)
     formal = prediction.get(f"covariance_formal_{unit}2")
     return product(_semi_axes(formal), unit) if formal else DASH
 
@@ -258,7 +262,8 @@ def _treatment(estimator: Item) -> Cell:
 
 def state_table(run: RunFolder, estimator: Item) -> Table:
     """The estimated state at the reference epoch with the sigma of each component."""
-    sigma = np.sqrt(np.maximum(np.diag(np.asarray(estimator["covariance_km_km_s"], dtype=np.float64)), 0.0))
+    K = matrix_of(estimator, "covariance_km_km_s", "factor_km_km_s")
+    sigma = np.full(6, np.nan) if K is None else np.sqrt(np.maximum(np.diag(K), 0.0))
     rows: list[tuple[Cell, ...]] = []
     for i, name in enumerate(("x", "y", "z", "vx", "vy", "vz")):
         unit = "km" if i < 3 else "km/s"
