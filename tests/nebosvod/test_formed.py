@@ -13,6 +13,7 @@ from nebosvod.fit.orbit import OrbitAt
 from nebosvod.fit.summary import orbit_block
 from nebosvod.fit.tables import orbit_table
 from nebosvod.formed import definite, formed
+from nebosvod.outlook import answered
 from nebosvod.timescale import Epoch
 
 WEAK = "prior: {sigma: {position: POSITION, velocity: 1 km/s}}\n"
@@ -94,7 +95,7 @@ def test_every_covariance_of_a_run_is_positive_definite_or_left_out_with_a_reaso
             value is not None for key, value in block.items() if key.startswith("covariance_") and "reason" not in key
         )
     assert main(["report", str(tmp_path / "run")]) == 0
-    for row in summary["predictions"]:
+    for row in answered(summary["predictions"]):
         S = np.array(row["factor_km"])
         np.testing.assert_allclose(np.linalg.norm(S, axis=1), row["sigma_km"], rtol=1e-9)
 

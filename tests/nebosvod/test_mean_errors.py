@@ -117,10 +117,13 @@ FULL = """estimators:
 """
 
 
-def test_validation_draws_the_mean_and_passes_by_k_true_but_not_by_k_formal(minimal: Mission, tmp_path: Path) -> None:
+@pytest.mark.parametrize("full", [False, True])
+def test_validation_draws_the_mean_and_passes_by_k_true_but_not_by_k_formal(
+    full: bool, minimal: Mission, tmp_path: Path
+) -> None:
     path = tmp_path / "off.yaml"
     path.write_text(mission_with(minimal, "bias", "ignored", True, FULL).text, "utf-8")
-    found = validate(load_mission(path), tmp_path / "v", runs=200)
+    found = validate(load_mission(path), tmp_path / "v", runs=30 if full else 200, full=full)
     left_out, known = found["estimators"]
     assert left_out["passed"], found["verdict"]
     assert known["passed"], found["verdict"]
