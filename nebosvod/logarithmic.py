@@ -13,9 +13,11 @@ import numpy as np
 import numpy.typing as npt
 
 from nebosvod.dynamics import ForceModel
+from nebosvod.errors import InputError
 from nebosvod.mission.target import LOGARITHMS
 
 Array = npt.NDArray[np.float64]
+LARGEST = 100.0  # of a logarithm: its power, and the products of such powers, stay numbers
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -34,7 +36,16 @@ class LogarithmicForces(ForceModel):
         return np.array([self._value(name) for name in self.parameters], dtype=np.float64)
 
     def with_values(self, values: Mapping[str, float]) -> ForceModel:
-        """The same model with some parameters elsewhere, e.g. {"ln_radius": 5.1}."""
+        """The same model with some parameters elsewhere, e.g. {"ln_radius": 5.1}.
+
+        Raises
+        ------
+        InputError
+            If a logarithm is beyond any body's; a step of an iteration may be.
+        """
+        for name, value in values.items():
+            if name in LOGARITHMS and not abs(value) <= LARGEST:
+                raise InputError(f"{name}: e to the power of {value:.4g} is no size of a body (allowed -100 to 100)")
         physical = {LOGARITHMS.get(n, n): math.exp(v) if n in LOGARITHMS else v for n, v in values.items()}
         return ForceModel.with_values(self, physical)
 

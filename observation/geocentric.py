@@ -6,6 +6,7 @@ import numpy as np
 
 from nebosvod.dynamics.constants import RADIUS_KM
 from nebosvod.errors import InputError
+from nebosvod.observation import drifting_ellipse
 from nebosvod.observation.constants import EARTH_J2
 from nebosvod.observation.contracts import Array, Ephemeris
 from nebosvod.observation.earth_rotation import R_icrf_from_cirs, turned
@@ -86,9 +87,36 @@ class GeocentricOrbit:
         state[:, 3:] = state[:, 3:] * (1.0 + mean_rate / n) + np.cross(spin, r)
         return ephemeris.state_km_km_s("earth", epoch, t_s) + turned(R_icrf_from_cirs(epoch, t_s), state)
 
+    def transitions(self, ephemeris: Ephemeris, epoch: Epoch, start_s: float, t_s: Array) -> Array:
+        """Partials (n, 6, 6) of the state at `t_s` (n,) by the state at `start_s`, ICRF, km and km/s."""
+        n = np.sqrt(ephemeris.gm_km3_s2["earth"] / self.a_km**3)
+        node_rate, peri_rate, mean_rate = self._rates(n)
+        begun = start_s - (self.elements_epoch - epoch)
+
+        def R_icrf_from_plane(since_s: Array) -> Array:
+            age = begun + since_s
+            peri, node = self.peri_rad + peri_rate * age, self.node_rad + node_rate * age
+            in_orbit = turn(node, 2) @ turn(np.full(age.size, self.i_rad), 0) @ turn(peri, 2)
+            return R_icrf_from_cirs(epoch, start_s + since_s) @ in_orbit
+
+        M = self.mean_anomaly_rad + (n + mean_rate) * begun
+        since_s = np.concatenate([[0.0], t_s - start_s])
+        return drifting_ellipse.transitions(self.a_km, self.e, M, n + mean_rate, since_s, R_icrf_from_plane)[1:]
+
     def _rates(self, n: float) -> tuple[float, float, float]:
         """Secular rates of node, argument of perigee and mean anomaly (beyond n), rad/s."""
         return secular_rates(n, self.a_km, self.e, self.i_rad) if self.j2 else (0.0, 0.0, 0.0)
+
+
+def turn(angle: Array, axis: int) -> Array:
+    """Rotations (n, 3, 3) by angles (n,) about the axis x (0) or z (2): of vectors, counter-clockwise."""
+    R = np.zeros((angle.size, 3, 3))
+    one, other = ((axis + 1) % 3, (axis + 2) % 3)
+    R[:, axis, axis] = 1.0
+    R[:, one, one] = R[:, other, other] = np.cos(angle)
+    R[:, other, one] = np.sin(angle)
+    R[:, one, other] = -np.sin(angle)
+    return R
 
 
 def secular_rates(n: float, a_km: float, e: float, i_rad: float) -> tuple[float, float, float]:

@@ -2,13 +2,17 @@
 
 One mechanism serves every kind of orbit: the variational equations of free fall in the gravity of Sun, Earth and Moon,
 along the track that the spacecraft gives. It needs no elements, so it holds for tables, files and halo orbits alike
-(about L1 and L2 it finds their instability by itself). Manoeuvres, harmonics of the Earth and drag are not in it.
+(about L1 and L2 it finds their instability by itself). In low orbit the Earth's J2 is in it: a track flown in it and
+a gradient without it part by half an e-fold a revolution. Manoeuvres, other harmonics and drag are not in it.
 """
 
 import numpy as np
 
+from nebosvod.dynamics.constants import RADIUS_KM
 from nebosvod.errors import InputError
+from nebosvod.observation.constants import EARTH_J2
 from nebosvod.observation.contracts import Array, Ephemeris
+from nebosvod.observation.earth_rotation import R_icrf_from_cirs
 from nebosvod.observation.spacecraft import Spacecraft
 from nebosvod.observation.term import Rows
 from nebosvod.timescale import Epoch
@@ -17,6 +21,7 @@ ATTRACTORS = ("sun", "earth", "moon")
 # Step of the integration in units of 1/sqrt(2 GM/r^3): 444 steps a revolution. The relative error, fourth order, is
 # 3e-6 after five revolutions with e = 0.3 (0.05: 1e-4).
 STEP_PHASE = 0.02
+FLATTENED_KM = 2e4  # from the Earth's centre, below which its J2 (3e-4 of the gradient and more) is counted
 SURVEY = 512  # track points that decide the step
 MAX_STEPS = 2_000_000
 CHUNK = 16_384  # steps held in memory at a time
@@ -39,8 +44,12 @@ def transitions(spacecraft: Spacecraft, ephemeris: Ephemeris, epoch: Epoch, star
     points a step: every step is an exact exponential, so a circular orbit keeps its invariants for any length of arc.
     """
     Phi = np.empty((t_s.size, 6, 6))
+    stated = getattr(spacecraft, "transitions", None)  # an orbit by elements has them in closed form
     for start in np.unique(start_s):
         mine = np.flatnonzero(start_s == start)
+        if stated is not None:
+            Phi[mine] = stated(ephemeris, epoch, float(start), t_s[mine])
+            continue
         for side in (mine[t_s[mine] >= start], mine[t_s[mine] < start][::-1]):
             if side.size:
                 order = side[np.argsort(np.abs(t_s[side] - start), kind="stable")]
@@ -120,4 +129,23 @@ def _gradient(spacecraft: Spacecraft, ephemeris: Ephemeris, epoch: Epoch, t_s: A
         distance = np.linalg.norm(r, axis=1)[:, None, None]
         u = r[:, :, None] / distance
         G += ephemeris.gm_km3_s2[body] / distance**3 * (3.0 * u * np.swapaxes(u, 1, 2) - np.eye(3))
+        low = distance[:, 0, 0] < FLATTENED_KM
+        if body == "earth" and low.any():
+            G[low] += ephemeris.gm_km3_s2[body] * _flattening(r[low], R_icrf_from_cirs(epoch, t_s[low])[:, :, 2])
     return G
+
+
+def _flattening(r: Array, pole: Array) -> Array:
+    """Gradient (n, 3, 3), 1/km^3, of the attraction of J2 at r (n, 3) from the centre, over GM.
+
+    The Hessian of -J2 R^2/2 (3 z^2/r^5 - 1/r^3), z along the pole (n, 3).
+    """
+    one, z = np.eye(3), np.einsum("ni,ni->n", r, pole)[:, None, None]
+    d = np.linalg.norm(r, axis=1)[:, None, None]
+    rr, pp = (v[:, :, None] * v[:, None, :] for v in (r, pole))
+    pr = pole[:, :, None] * r[:, None, :]
+    inverse_cube = 15.0 * rr / d**7 - 3.0 * one / d**5
+    with_pole = 2.0 * pp / d**5 - 10.0 * z * (pr + np.swapaxes(pr, 1, 2)) / d**7
+    with_pole = with_pole + z**2 * (35.0 * rr / d**9 - 5.0 * one / d**7)
+    hessian: Array = -0.5 * EARTH_J2 * RADIUS_KM["earth"] ** 2 * (3.0 * with_pole - inverse_cube)
+    return hessian
