@@ -140,14 +140,16 @@ def scaled(problem: LinearProblem, source: str, factor: float) -> LinearProblem:
 def unknown(problem: LinearProblem, source: str) -> LinearProblem | None:
     """Return the problem in a world where nothing is known beforehand of what a prior is about, `without` reversed.
 
-    Only what is estimated can do without: parameters left out keep their part of the prior. None where the source is
-    no prior of an estimated parameter.
+    Only what is estimated can do without: parameters left out keep their part of the prior. Of a prior that joins the
+    first block (the state) with other parameters it is the state of which nothing is known; the others keep their
+    marginal covariance, as where they are given apart. None where the source is no prior of an estimated parameter.
     """
     prior = next((prior for prior in problem.priors if prior.name == source), None)
     estimated = set(problem.names("estimated"))
     if prior is None or not estimated & set(prior.names):
         return None
-    kept = [index for index, name in enumerate(prior.names) if name not in estimated]
+    first = estimated & set(problem.blocks[0].names) & set(prior.names)
+    kept = [index for index, name in enumerate(prior.names) if name not in (first or estimated)]
     rest = tuple(one for one in problem.priors if one is not prior)
     if kept:
         at = np.ix_(kept, kept)

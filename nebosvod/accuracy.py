@@ -21,13 +21,17 @@ Array = npt.NDArray[np.float64]
 LEVEL = 3.0
 MOST_MEASUREMENTS = 300  # in a linear programme; leaving measurements out can only widen a guaranteed bound
 OPTIMISTIC = 1.1  # extended over formal from which the estimator is called optimistic
+TOLD_MEAN = 0.1  # of the extended sigma, from which a mean error is told
 CONFIDENCE = 0.99
 MEANINGS: Mapping[str, str] = {
     "formal": "1 sigma the estimator believes, from its own weights.",
     "extended": "1 sigma of estimate minus truth under the full error model, with the gain the estimator uses.",
     "worst_correlation": "1 sigma if the measurement noise, of the stated size, were correlated in time in the worst "
     "exponential-cosine way (Akim); all other sources as in the extended accuracy.",
-    "guaranteed": f"Largest possible error if no error exceeds {LEVEL:g} of its sigmas; a bound, not a sigma.",
+    "mean_error": "Mean of predicted minus true value, where an error left out has a mean of its own; the extended "
+    "sigma is about it.",
+    "guaranteed": f"Largest possible error if no error exceeds {LEVEL:g} of its sigmas (beyond its mean, where that is "
+    "not corrected for); a bound, not a sigma.",
     "monte_carlo": "Standard deviation of the errors of repeated estimation of drawn truths.",
 }
 
@@ -50,10 +54,10 @@ def comparison(
 def _rows(scene: Scene, fit: Fit, asked: Sequence[Quantity], sample: Sample | None) -> list[dict[str, Any]]:
     """Rows of one estimator."""
     rows = []
-    few = thinned(boxed(fit.problem), MOST_MEASUREMENTS)
+    few = thinned(boxed(reaching(fit)), MOST_MEASUREMENTS)
     for quantity in asked:
         W, names = known_partials(quantity, fit.estimate)
-        found = fit.estimate.predict(W, names)
+        found, off = fit.estimate.predict(W, names), fit.mean_error(W, names)
         worst = bound = np.full(len(W), np.nan)
         if fit.problem.n <= blame.LARGE and not fit.own_gain:  # the search knows the gain of least squares
             worst, bound = worst_sigmas(fit, W, names)
@@ -67,6 +71,7 @@ def _rows(scene: Scene, fit: Fit, asked: Sequence[Quantity], sample: Sample | No
                 "unit": quantity.unit,
                 "formal": float(found.sigma_formal[k]),
                 "extended": float(found.sigma[k]),
+                "mean_error": float(off[k]),
                 "worst_correlation": float(worst[k]) if np.isfinite(worst[k]) else None,
                 "worst_any_correlation": float(bound[k]) if np.isfinite(bound[k]) else None,
                 "guaranteed": None if sure is None else float(sure[k]),
@@ -96,6 +101,19 @@ def worst_sigmas(fit: Fit, W: Array, names: Sequence[str]) -> tuple[Array, Array
     noise = np.array([[one.sigma, one.bound] for one in found])
     worst, bound = np.sqrt(rest[:, None] + noise**2).T
     return worst, bound
+
+
+def reaching(fit: Fit) -> LinearProblem:
+    """The problem with sigmas of which LEVEL hold what an error with a mean may be: |mean| + LEVEL sigma."""
+    if not fit.mean_errors:
+        return fit.problem
+    priors = []
+    for prior in fit.problem.priors:
+        mean = np.abs([fit.mean_errors.get(name, 0.0) for name in prior.names])
+        if mean.any():  # of biases and clocks, each by itself
+            prior = replace(prior, covariance=np.diag((np.sqrt(np.diag(prior.covariance)) + mean / LEVEL) ** 2))
+        priors.append(prior)
+    return replace(fit.problem, priors=tuple(priors))
 
 
 def boxed(problem: LinearProblem) -> LinearProblem:
@@ -177,6 +195,8 @@ def statement(row: Mapping[str, Any], unmodelled: str | None) -> str:
         said.append(f"The estimator's own sigma is {formal / true:.3g} times too large.")
     else:
         said.append("Formal and extended accuracy agree.")
+    if true > 0.0 and abs(row.get("mean_error") or 0.0) > TOLD_MEAN * true:
+        said.append(f"On average it is off by {row['mean_error'] / true:.3g} sigmas, for an error left out has a mean.")
     if worst is not None and true > 0.0 and worst > OPTIMISTIC * true:
         said.append(f"Noise correlated in time could make it {worst / true:.3g} times worse.")
     if row["guaranteed"] is not None and true > 0.0:

@@ -107,6 +107,18 @@ def test_a_prior_that_only_considered_parameters_have_is_never_missing(
     assert rows["mass"]["if_unknown"] is not None
 
 
+def test_a_missing_orbit_costs_the_same_whatever_the_epoch_of_its_prior(
+    make_setting: MakeSetting, minimal_text: str
+) -> None:
+    """Given a month earlier the prior joins orbit and body; without the orbit the body is as uncertain as before."""
+    rows = ", ".join(str([v if i == j else 0 for j in range(6)]) for i, v in enumerate([900.0] * 3 + [1e-10] * 3))
+    said = f"prior: {{names: [x, y, z, vx, vy, vz], epoch: 2028-02-20 TDB, frame: icrf, covariance: [{rows}]}}\n"
+    scene, one, asked = solved(make_setting(load_mission_text(minimal_text + said)))
+    rows_found = {row["source"]: row for row in prediction_rows(scene, Worlds.of(one), asked[0])}
+    found = rows_found["prior orbit and parameters"]["if_unknown"]["sigma_total_km_new_gain"]
+    assert found == pytest.approx(total_sigma(make_setting, minimal_text), rel=1e-4)
+
+
 def test_the_run_of_the_source_says_both_of_its_prior_orbit(neb_text: str, tmp_path: Path) -> None:
     """Encounter total: 3.39 km without a prior, 0.267 km with the orbit known exactly (two missions of their own)."""
     path = tmp_path / "neb.yaml"

@@ -150,3 +150,21 @@ def test_monte_carlo_of_a_run_holds_the_mean_and_the_terminal_says_it(
     printed = capsys.readouterr().out
     assert "off on average by" in printed
     assert "off on average" in (tmp_path / "run" / "report.html").read_text("utf-8")
+
+
+def test_the_guaranteed_bound_reaches_as_far_as_the_mean_and_its_sigmas(minimal: Mission) -> None:
+    """A bias of mean m and sigma s stays within |m| + 3 s: the bound is that of a larger sigma about zero."""
+    prior = "prior: {sigma: {position: 100 km, velocity: 0.01 m/s}}\n"
+    left_out = BIAS.replace("treatment: estimated", "treatment: ignored")
+    text = minimal.text.replace(BIAS, left_out) + prior
+    mean = text.replace("sigma: 0.05 arcsec, ", "sigma: 0.05 arcsec, mean_ra: 0.3 arcsec, ")
+    wide = text.replace("sigma: 0.05 arcsec, ", "sigma_ra: 0.15 arcsec, sigma_dec: 0.05 arcsec, ")
+    found, wanted, small = (
+        [row["guaranteed"] for row in run(load_mission_text(one), seed=1).summary["accuracy_comparison"]["rows"]]
+        for one in (mean, wide, text)
+    )
+    # partials at estimates that the draws have moved differently
+    np.testing.assert_allclose(found, wanted, rtol=2e-3)
+    assert np.max(np.divide(found, small)) > 1.3
+    rows = run(load_mission_text(mean), seed=1).summary["accuracy_comparison"]["rows"]
+    assert any("On average it is off by" in row["statement"] for row in rows)
