@@ -118,7 +118,7 @@ def score_test(
     estimate, M, left, Z = found
     k, m = len(estimate), int(used.sum())
     freedom = q.shape[1] * m - k
-    pull = np.sum(Z[used] ** 2, axis=(1, 2))  # a scatter is that of the measurements the answer rests on
+    pull = _pull(M, Z[used])  # a scatter is that of the measurements the answer rests on
     size = np.sum(left[used] ** 2, axis=1)
     scatter = float(m * (pull @ size) / pull.sum()) / freedom if freedom > 0 else 1.0
     _, which = np.unique(cluster[used], return_inverse=True)
@@ -159,6 +159,13 @@ def _solved(
     shift = np.linalg.lstsq(N / np.outer(scale, scale), (g - N_cx.T @ estimate) / scale, rcond=1e-13)[0] / scale
     left = q - G @ estimate - B @ shift
     return estimate, M, left, G - B @ P
+
+
+def _pull(M: Array, Z: Array) -> Array:
+    """How much of the answer rests on each measurement (m,): traces of Z M^-1 Z^T, in any units of the parameters."""
+    size = np.sqrt(np.diag(M))
+    own = np.linalg.solve(M / np.outer(size, size), (Z / size).reshape(-1, len(M)).T).T.reshape(Z.shape)
+    return np.asarray(np.sum(own * (Z / size), axis=(1, 2)), dtype=np.float64)
 
 
 def _clustered(M: Array, Z: Array, left: Array, which: Rows, counted: int) -> Array:

@@ -80,6 +80,7 @@ class GroundSite:
         """Whether the place is on the ground: the Earth's centre (code 500) sees everything at all times."""
         return bool(np.linalg.norm(self.itrf_km) > MPC_EARTH_RADIUS_KM / 2.0)
 
+    @bordered()
     def zenith(self, epoch: Epoch, t_s: Array) -> Array:
         """Unit vectors (n, 3), ICRF, along the geodetic vertical (WGS84) of the site, upwards."""
         longitude, latitude, _ = erfa.gc2gd(1, 1e3 * self.itrf_km)
@@ -88,6 +89,7 @@ class GroundSite:
         turned: Array = ground_states(up, epoch, t_s)[0][:, :3]
         return turned
 
+    @bordered()
     def notices(self, epoch: Epoch, t_s: Array) -> tuple[str, ...]:
         """What stands in for the Earth-orientation tables at these times (n,), if anything does."""
         return ground_states(self.itrf_km, epoch, t_s)[1].notices()

@@ -43,6 +43,7 @@ from nebosvod.estimation import (
     recursive,
     rejection,
     repeated,
+    score,
     separated,
     sequential,
     smoother,
@@ -217,6 +218,32 @@ def batch_of_too_little(units):
     free = replace(bare, blocks=blocks, priors=tuple(p for p in bare.priors if p.name != "c"))
     found = batch.solve(free)
     return {"status": found.status == "not_observable", "rank": found.rank, "dof": found.dof}
+
+
+@case("budget.unknown", "iteration.recentred")
+def worlds_and_points(units):
+    given_problem = problem(units, state_prior="own")
+    unknown = budget.unknown(given_problem, "c")
+    assert unknown is not None
+    moved = iteration.recentred(given_problem, {"vy": 0.3 * units.of(("vy",))[0]})
+    first, second = numbers(batch.solve(unknown), units), numbers(batch.solve(moved), units)
+    return {f"unknown {key}": value for key, value in first.items() if key != "condition"} | {
+        f"moved {key}": value for key, value in second.items() if key != "condition"
+    }
+
+
+@case("score.score_test", "score.Score", "score.sigmas")
+def score_of_what_was_left_out(units):
+    rng, sizes, new = np.random.default_rng(8), units.of(STATE), units.of(STATE[:2])
+    B, G, q = rng.normal(size=(40, 2, 4)), rng.normal(size=(40, 2, 2)), rng.normal(size=(40, 2))
+    q = q + G @ np.array([0.7, -0.4])
+    q = q - (B.reshape(-1, 4) @ np.linalg.lstsq(B.reshape(-1, 4), q.ravel())[0]).reshape(q.shape)
+    B, G = B / sizes, G / new
+    flat, everyone, nights = B.reshape(-1, 4), np.ones(40, dtype=np.bool_), np.arange(40) // 2
+    found = score.score_test(q, B, G, flat.T @ flat, flat.T @ q.ravel(), everyone, nights)
+    assert found is not None
+    told = [found.statistic, found.explained, found.scatter, found.significance, found.part(slice(0, 1))]
+    return {"estimate": found.estimate / new, "covariance": found.covariance / np.outer(new, new), "told": told}
 
 
 @case("recursive.solve", "recursive.follow", "estimate.History")
@@ -824,6 +851,7 @@ def test_any_units_change_nothing(name: str, exponents: list[int]) -> None:
 WITHOUT = {
     "problem.Block", "problem.Prior", "problem.White", "problem.Markov", "problem.LinearProblem", "problem.readonly",
     "estimate.Status", "partition.CommonSource", "sources.Solved", "sources.residual_after", "sources.prior_draws",
+    "rejection.turning",
     "batch.prior_rows", "batch.solved_triangle", "whitening.chunks", "whitening.add_white", "whitening.projected",
     "whitening.whitened_rows", "whitening.raw_rows",
 }  # fmt: skip

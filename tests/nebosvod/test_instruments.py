@@ -161,11 +161,11 @@ def test_a_mission_runs_with_a_real_oem_file(tmp_path: Path, minimal: Mission) -
     dated = text_with(minimal, "orbit: {kind: oem, file: probe.oem}")
     dated = (
         dated.replace("2028-03-20", "2025-02-28")
-        .replace("2028-04-19", "2025-03-02")
+        .replace("2028-04-19T00:00:00", "2025-02-28T20:00:00")
         .replace("2028-04-29", "2025-03-12")
     )
     dated = dated.replace("start: 2025-02-28T00:00:00", "start: 2025-02-28T06:00:00").replace(
-        "cadence: 1 d", "cadence: 3 h"
+        "cadence: 1 d", "cadence: 1 h"
     )
     found = run(beside(tmp_path, dated, probe=OEM.read_text("utf-8")))
     assert found.summary["estimators"][0]["status"] == "converged"

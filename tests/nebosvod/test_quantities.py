@@ -36,11 +36,12 @@ EPOCH = Epoch.parse("2028-11-15T00:00:00 TDB")
 STATE = np.array([-8.36252097e7, 1.28055777e8, 4.54777527e7, -23.9287335, -10.4060556, -4.46715864])
 # what a function returns: nobody but the library makes it
 RESULTS = {
-    "Astrometry", "Clones", "Common", "Encounter", "Markov", "Observation", "Oem", "OemCovariance", "Residuals",
-    "Sight", "TabulatedOrbit", "TargetPlane", "Trajectory", "Visibility", "White", "ChebyshevOrbit", "Ephemeris",
-    "Nuisance", "Spacecraft",
+    "Astrometry", "Clones", "Common", "Encounter", "Fates", "Markov", "Observation", "Oem", "OemCovariance",
+    "Residuals", "Sight", "TabulatedOrbit", "TargetPlane", "Trajectory", "Visibility", "White", "ChebyshevOrbit",
+    "Ephemeris", "Nuisance", "Spacecraft",
 }  # fmt: skip
 
+PASSED_OVER = ("Nuisance", "Spacecraft", "Fates")  # protocols, and a table that the library fills
 ENDINGS = ("_epoch", *("_" + unit for unit in UNITS))
 
 
@@ -60,7 +61,7 @@ def public(package: ModuleType) -> Iterator[tuple[str, Callable[..., Any]]]:
             yield name, thing.__init__
         for attribute, member in vars(thing).items():
             plain = member.__func__ if isinstance(member, classmethod | staticmethod) else member
-            if inspect.isfunction(plain) and not attribute.startswith("_") and name not in ("Nuisance", "Spacecraft"):
+            if inspect.isfunction(plain) and not attribute.startswith("_") and name not in PASSED_OVER:
                 yield f"{name}.{attribute}", plain
 
 
