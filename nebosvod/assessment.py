@@ -18,6 +18,7 @@ from nebosvod.curves import curves
 from nebosvod.estimation import LinearProblem
 from nebosvod.fitting import Fit
 from nebosvod.foretold import Foretold, in_order, unanswered_row
+from nebosvod.mission.cost import CLONES_MOST
 from nebosvod.montecarlo import Sample
 from nebosvod.nonlinearity import clones, impact_share, nonlinearity, spread_of
 from nebosvod.predictions import Quantity, known_partials, prediction_row
@@ -27,7 +28,6 @@ from nebosvod.required import required
 from nebosvod.scene import Scene
 
 Array = npt.NDArray[np.float64]
-CLONES_MOST = 2000  # 7 ms each
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

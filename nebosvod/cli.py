@@ -65,14 +65,16 @@ def run(mission: str, output: Path | None, seed: int, overwrite: bool, as_json: 
     Example:  nebosvod run apophis-2029 -o apophis --seed 1
     """
     from nebosvod.mission import load_mission
+    from nebosvod.progress import stages
     from nebosvod.result import RunFolder, default_folder
 
     loaded = load_mission(mission)
     folder = output if output is not None else default_folder(loaded.slug)
-    with RunFolder(folder, overwrite=overwrite) as target:
+    with stages() as progress, RunFolder(folder, overwrite=overwrite) as target:
         from nebosvod.pipeline import run as run_mission
 
-        result = run_mission(loaded, seed=seed, progress=_progress())
+        result = run_mission(loaded, seed=seed, progress=progress)
+        progress("writing the run folder and its report")
         target.publish(result)
     if as_json:
         click.echo(result.summary_text(), nl=False)
@@ -155,14 +157,16 @@ def validate(
     Example:  nebosvod validate minimal --runs 2000
     """
     from nebosvod.mission import load_mission
+    from nebosvod.progress import counting
     from nebosvod.report.validation_page import write_validation_report
     from nebosvod.result import json_text
-    from nebosvod.trust_answer import print_validation, progress_line
-    from nebosvod.validate import validate as validate_mission
+    from nebosvod.trust_answer import print_validation
 
     loaded = load_mission(mission)
     folder = output if output is not None else Path(f"{loaded.slug}-validation")
-    with progress_line("runs") as progress:
+    with counting("runs") as progress:
+        from nebosvod.validate import validate as validate_mission
+
         found = validate_mission(
             loaded,
             folder,
@@ -227,6 +231,7 @@ def plan(
     from nebosvod.plan import plan as plan_mission
     from nebosvod.plan import read_wish
     from nebosvod.plan_answer import print_plan
+    from nebosvod.progress import stages
     from nebosvod.result import json_text
     from nebosvod.wholefile import require_places, write_new_text
 
@@ -234,7 +239,8 @@ def plan(
     loaded = load_mission(mission)
     window = (start, end, step)
     wish = read_wish(loaded, prediction, visits, estimator, criterion, window, visit_time, exposures, spacing)
-    found = plan_mission(loaded, wish, _progress())
+    with stages() as progress:
+        found = plan_mission(loaded, wish, progress)
     if output is not None:
         write_new_text(output, json_text(found))
     if page is not None:
@@ -351,23 +357,18 @@ def fit(
               nebosvod fit mission.yaml -o dw --overwrite
     """
     from nebosvod.fit.command import fit_every, fit_one, resolved
+    from nebosvod.progress import stages
 
     mission = resolved(files, designations, since, until)
     folder = output if output is not None else Path(f"{mission.slug}-fit")
-    if split:
-        if suggest is not None:
-            raise InputError("--suggest: writes the settings of one object; choose it by --object instead of --split")
-        failed = fit_every(mission, folder, overwrite, as_json, export, _progress())
-    else:
-        failed = fit_one(mission, folder, overwrite, as_json, export, _progress(), suggest)
+    if split and suggest is not None:
+        raise InputError("--suggest: writes the settings of one object; choose it by --object instead of --split")
+    with stages() as progress:
+        if split:
+            failed = fit_every(mission, folder, overwrite, as_json, export, progress)
+        else:
+            failed = fit_one(mission, folder, overwrite, as_json, export, progress, suggest)
     return EXIT_QUALITY if failed else 0
-
-
-def _progress() -> Callable[[str], None]:
-    """A function that shows one line of progress on stderr, if that is a terminal; else says nothing."""
-    if not sys.stderr.isatty():
-        return lambda message: None
-    return lambda message: click.echo(f"  {message}", err=True)
 
 
 def _crash_file(argv: Sequence[str]) -> Path | None:

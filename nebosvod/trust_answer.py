@@ -1,45 +1,15 @@
-"""What a validation says on a terminal: one line of progress, then a table of verdicts."""
+"""What a validation says on a terminal when it is done: a table of verdicts."""
 
-import sys
-import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import click
 from rich.box import SIMPLE
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
 from nebosvod.errors import counted
-
-
-@contextmanager
-def progress_line(what: str) -> Iterator[Callable[[int, int], None]]:
-    """A function (done, all) that keeps one line on stderr, if that is a terminal; silent otherwise."""
-    if not sys.stderr.isatty():
-        yield lambda done, total: None
-        return
-    started: list[tuple[float, int]] = []
-
-    def show(done: int, total: int) -> None:
-        now = time.monotonic()
-        if not started:
-            started.append((now, done))
-        rate = (done - started[0][1]) / max(now - started[0][0], 1e-9)
-        left = f", {(total - done) / rate:.0f} s left" if rate > 0.0 and done < total else ""
-        click.echo(f"\r\x1b[K  {done} of {total} {what}{left}", nl=False, err=True)
-
-    try:
-        yield show
-    except KeyboardInterrupt:
-        click.echo("\n  finished runs are kept; the same command continues", err=True)
-        raise
-    finally:
-        if started:
-            click.echo("\r\x1b[K", nl=False, err=True)
 
 
 def print_validation(found: Mapping[str, Any], folder: Path, console: Console | None = None) -> None:

@@ -1,7 +1,8 @@
 """What a mission will cost before it is started: measurements, memory, disk, time; and the limits.
 
-Orders of magnitude, good to a factor of three: they keep a slip of the pen (a cadence of 1e-6 s, 10^9
-Monte Carlo runs) from filling a disk.
+Good to a factor of two on the machine the built-in missions were timed on: they keep a slip of the pen (a cadence of
+1e-6 s, 10^9 Monte Carlo runs) from filling a disk. Orbits that are flown anew cost most: two for each uncertain
+parameter of the orbit to see how far a prediction is from linear, and one for each Monte Carlo run.
 """
 
 from collections.abc import Iterator
@@ -16,8 +17,16 @@ MAX_TIME_S = 86400.0
 _ROW_BYTES_MEMORY = 6000.0  # partials, whitened rows and factors of one measurement, several copies
 _ROW_BYTES_DISK = 1200.0  # arrays.npz and the tables
 _ROW_S = 60e-6  # trajectory, partials and one estimator
-_START_S = 3.0  # imports, kernels, report
-_RUN_S, _RUN_ROW_S = 1e-3, 4e-6  # one Monte Carlo run, and its share by measurement
+_START_S = 2.6  # imports, kernels, report
+_ACCURACY_S, _ACCURACY_ROW_S = 0.15, 150e-6  # curves, requirements, comparison of one prediction; its share by row
+_MOST_ROWS = 2000  # beyond so many those searches are thinned or left out
+_PAGE_S = 0.12  # figures and tables of one prediction
+_FLIGHT_S, _POINT_S, _ENCOUNTER_S = 3e-3, 0.5e-3, 4.5e-3  # an orbit flown anew, and what is predicted on it
+_HIT_FLIGHT_S, _HIT_S = 12e-3, 25e-3  # the same where it comes down
+_DRAW_S, _DRAW_ROW_S = 0.4e-3, 1e-6  # one Monte Carlo truth, measured, and its share by row
+_STEP_S, _STEP_ROW_S = 0.05e-3, 0.2e-6  # one linear estimate of it
+_ITERATED_S, _ITERATED_ROW_S = 15e-3, 40e-6  # one iterated estimate of it, where a linear step would not do
+CLONES_MOST = 2000  # orbits drawn about the first estimate
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -29,11 +38,13 @@ class Cost:
     memory_mb: float
     disk_mb: float
     time_s: float
+    time_iterated_s: float  # where Monte Carlo must iterate every estimate; the same without Monte Carlo
 
     def __str__(self) -> str:
         return (
             f"{self.n_observations:,} scheduled measurements, {self.n_runs:,} Monte Carlo runs: about "
             f"{_amount(self.memory_mb)} of memory, {_amount(self.disk_mb)} of disk, {_duration(self.time_s)}"
+            + (f" ({_duration(self.time_iterated_s)} where one linear step would not do)" if self.n_runs else "")
         )
 
 
@@ -41,14 +52,31 @@ def estimate_cost(mission: Mission) -> Cost:
     """Estimate what a run needs, from counts alone."""
     rows = sum(arc.count * _telescopes(mission, i) for i, arc in enumerate(mission.schedule))
     runs = mission.monte_carlo.runs if mission.monte_carlo else 0
-    estimators = len(mission.estimators)
+    count = len(mission.estimators)
+    linear = runs * (_DRAW_S + rows * _DRAW_ROW_S + count * (_STEP_S + rows * _STEP_ROW_S))
+    iterated = runs * (1 + count) * (_ITERATED_S + rows * _ITERATED_ROW_S)
+    rest = _START_S + rows * _ROW_S * (1 + count) + _predicting_s(mission, rows, runs)
     return Cost(
         n_observations=rows,
         n_runs=runs,
         memory_mb=250.0 + rows * _ROW_BYTES_MEMORY / 1e6 + runs * 1e-3,
         disk_mb=2.0 + rows * _ROW_BYTES_DISK / 1e6 + runs * 1e-3,
-        time_s=_START_S + rows * _ROW_S * (1 + estimators) + runs * estimators * (_RUN_S + rows * _RUN_ROW_S),
+        time_s=rest + linear,
+        time_iterated_s=rest + (iterated if runs else linear),
     )
+
+
+def _predicting_s(mission: Mission, rows: int, runs: int) -> float:
+    """Accuracy of the predictions: analysis, orbits flown at the ends of the sigmas, and those drawn by Monte Carlo."""
+    asked = len(mission.predictions)
+    kinds = len({tuple(sorted(one.treatment.items())) for one in mission.estimators})
+    encounters = sum(hasattr(one, "near") for one in mission.predictions)
+    lands = any(one.plane == "entry" for one in mission.predictions)
+    flight, encounter = (_HIT_FLIGHT_S, _HIT_S) if lands else (_FLIGHT_S, _ENCOUNTER_S)
+    orbit = flight + encounters * encounter + (asked - encounters) * _POINT_S
+    flown = kinds * 2 * (6 + len(mission.free_parameters)) + min(runs, CLONES_MOST) if asked else 0
+    analysis = kinds * (_ACCURACY_S + min(rows, _MOST_ROWS) * _ACCURACY_ROW_S) + _PAGE_S
+    return asked * analysis + flown * orbit
 
 
 def complaints(mission: Mission) -> Iterator[tuple[KeyPath, str]]:

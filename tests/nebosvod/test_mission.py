@@ -398,7 +398,7 @@ def test_a_million_measurements_are_allowed_and_more_are_not() -> None:
 
 
 def test_runs_times_measurements_are_limited_too() -> None:
-    assert "would take more than a day" in refusal(("12 h", "5 min"), ("prior: none", "monte_carlo: {runs: 100000}"))
+    assert "would take more than a day" in refusal(("12 h", "30 s"), ("prior: none", "monte_carlo: {runs: 100000}"))
 
 
 def test_the_span_is_that_of_the_shipped_ephemeris_unless_the_full_one_is_installed(
