@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from nebosvod.dynamics.constants import DAY_S
 from nebosvod.dynamics.ephemeris import Ephemeris
-from nebosvod.dynamics.surface import SURFACE_KM, height_km
+from nebosvod.dynamics.surface import height_km, radius_km
 from nebosvod.dynamics.trajectory import Trajectory
 from nebosvod.dynamics.twobody import Analytic
 from nebosvod.errors import GeometryError, InputError
@@ -150,7 +150,7 @@ def target_plane(trajectory: Trajectory, encounter: Encounter, kind: Plane = "b_
     normal = _asymptote(x, gm) if kind == "b_plane" else x[3:] / encounter.speed_km_s
     axes = _axes(normal, _heliocentric_velocity(ephemeris, encounter.body, trajectory.epoch, encounter.t_s))
     v_infinity = float(np.sqrt(v_infinity2)) if v_infinity2 > 0.0 else float("nan")
-    radius = SURFACE_KM[encounter.body]
+    radius = radius_km(encounter.body, x[:3], trajectory.epoch, encounter.t_s)
     if kind == "b_plane":
         point, gradient = _complex_step(lambda y: axes[[0, 2]] @ _impact_vector(y, gm), x)
         gradient = _without_time(trajectory, encounter, gradient, np.concatenate([x[3:], x[:3]]))

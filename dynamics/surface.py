@@ -26,6 +26,15 @@ CENTURY_DAYS = 36525.0
 SURFACE_KM = MappingProxyType({**RADIUS_KM, **ASTEROID_RADIUS_KM})
 
 
+def radius_km(body: str, direction: Array, epoch: Epoch, t_s: float) -> float:
+    """Distance of the surface of a body from its centre, km, along a planetocentric ICRF direction (3,)."""
+    if body != "earth":
+        return SURFACE_KM[body]
+    sine = float(direction @ earth_pole_icrf(epoch, t_s)) / float(np.linalg.norm(direction))
+    polar = EARTH_RADIUS_KM * (1.0 - EARTH_FLATTENING)
+    return float(1.0 / np.sqrt((1.0 - sine**2) / EARTH_RADIUS_KM**2 + sine**2 / polar**2))
+
+
 def height_km(body: str, position_km: Array, epoch: Epoch, t_s: Array) -> Array:
     """Height (n,) above the surface of a body, km, negative below it.
 

@@ -79,7 +79,7 @@ def worst(series: Series) -> tuple[float, float]:
     slowest, fastest = 0.01 / series.span, np.pi / series.shortest
 
     def point(x: Array) -> tuple[float, float]:
-        return float(np.clip(np.exp(x[0]), low, high)), float(np.clip(x[1] / series.span, slowest, fastest))
+        return float(np.exp(np.clip(x[0], *np.log([low, high])))), float(np.clip(x[1] / series.span, slowest, fastest))
 
     def negative(x: Array) -> float:
         return -series.variance(*point(x))

@@ -83,10 +83,10 @@ def impact_sentences(summary: Row) -> Iterator[str]:
         said = f"probability {chance_words(one['impact_probability_linear'])} (linear)"
         if drawn and drawn["runs"]:
             low, high = drawn["interval_95"]
-            said += (
-                f", {chance_words(drawn['probability'])} by {drawn['runs']} drawn orbits "
-                f"(95 % interval {low:.3g} to {high:.3g})"
-            )
+            share = chance_words(drawn["probability"]) if drawn["hits"] else f"{drawn['hits']} hits"
+            said += f", {share} by {drawn['runs']} drawn orbits (95 % interval {low:.3g} to {high:.3g})"
+            if not low <= one["impact_probability_linear"] <= high:
+                said += ": the linear one is not to be believed"
         sigma = one["sigma_time_s"]
         when = moment_words(one["closest_approach_tdb"], one["time_scale"])
         if sigma is not None and sigma < SECONDS_PER_DAY:

@@ -248,8 +248,9 @@ def prediction_row(
         row[f"sigma_{name}"] = float(estimate.predict(*_known(partials[None], asked.names, estimate)).sigma[0])
     if asked.value is not None:
         row[f"mean_{unit}"] = asked.value.tolist()
-        if "capture_radius_km" in asked.facts:
-            # linear: a normal distribution on the plane, over the disc whose orbits hit the body
+        if "capture_radius_km" in asked.facts and (asked.request.plane == "b_plane" or asked.disc is None):
+            # linear: a normal distribution on the plane, over the disc whose orbits hit; of another plane only where
+            # there is no b-plane, since near a body the crossing of it is not normal
             centre = asked.value - off
             row["impact_probability_linear"] = inside_disc(centre, found.factor, asked.facts["capture_radius_km"])
             return row

@@ -9,7 +9,8 @@ import pytest
 
 from nebosvod.dynamics import Ephemeris, ForceModel, Nongrav, find_encounters, perigee_distance, propagate, target_plane
 from nebosvod.dynamics.constants import DAY_S, RADIUS_KM
-from nebosvod.dynamics.encounter import SURFACE_KM, Encounter, closest_approaches
+from nebosvod.dynamics.encounter import Encounter, closest_approaches
+from nebosvod.dynamics.surface import SURFACE_KM
 from nebosvod.dynamics.trajectory import Trajectory
 from nebosvod.dynamics.twobody import kepler
 from nebosvod.errors import EventError, GeometryError, InputError
@@ -279,8 +280,11 @@ def test_published_size_of_the_2029_encounter(flight: Trajectory, flyby: Encount
     plane = target_plane(flight, flyby, "b_plane")
     assert np.linalg.norm(plane.coordinates_km) / flyby.distance_km == pytest.approx(1.27, abs=0.005)
     assert plane.v_infinity_km_s == pytest.approx(5.84, abs=0.01)
-    focusing = np.sqrt(1.0 + 2.0 * 398600.4355 / (RADIUS_KM["earth"] * plane.v_infinity_km_s**2))
-    assert plane.capture_radius_km == pytest.approx(RADIUS_KM["earth"] * focusing, rel=1e-9)
+    # the ellipsoid's radius under the perigee, 29 deg from the equator of date
+    sine = flyby.state[2] / flyby.distance_km
+    radius = 1.0 / np.sqrt((1.0 - sine**2) / 6378.137**2 + sine**2 / 6356.752314**2)
+    focusing = np.sqrt(1.0 + 2.0 * 398600.4355 / (radius * plane.v_infinity_km_s**2))
+    assert plane.capture_radius_km == pytest.approx(radius * focusing, abs=0.2)
 
 
 @pytest.mark.parametrize("kind", ["b_plane", "mtp"])
@@ -414,7 +418,23 @@ def test_planes_say_their_speed_at_infinity_and_what_they_capture(
     gm = ephemeris.gm_km3_s2["earth"]
     assert mtp.v_infinity_km_s == b_plane.v_infinity_km_s
     assert mtp.v_infinity_km_s**2 == pytest.approx(flyby.speed_km_s**2 - 2.0 * gm / flyby.distance_km, rel=1e-12)
-    assert mtp.capture_radius_km == RADIUS_KM["earth"]
+    focused = mtp.capture_radius_km * np.sqrt(1.0 + 2.0 * gm / (mtp.capture_radius_km * mtp.v_infinity_km_s**2))
+    assert b_plane.capture_radius_km == pytest.approx(focused, rel=1e-12)
+
+
+def test_a_pass_over_a_pole_may_be_lower_than_the_equatorial_radius(ephemeris: Ephemeris) -> None:
+    """10 km above the ellipsoid at 88 deg: 6367 km from the centre, and no hit; over the equator it is one."""
+    epoch = Epoch.parse("2030-05-01T00:00:00 TDB")
+    earth = (ephemeris.state_km_km_s("earth", epoch, -7200.0) - ephemeris.state_km_km_s("sun", epoch, -7200.0))[0]
+    gm = ephemeris.gm_km3_s2["earth"]
+    for direction, hits in (([0.0, 0.03, 1.0], False), ([0.0, 1.0, 0.03], True)):
+        up = np.array(direction) / np.linalg.norm(direction)
+        perigee = np.concatenate([6367.0 * up, [np.sqrt(36.0 + 2.0 * gm / 6367.0), 0.0, 0.0]])
+        start = earth + kepler(perigee, [-7200.0], gm)[0]
+        flight = propagate(start, epoch + -7200.0, [14400.0], ForceModel(ephemeris=ephemeris), solid=False)
+        (near,) = find_encounters(flight, "earth", 2e4)
+        plane = target_plane(flight, near)
+        assert (np.linalg.norm(plane.coordinates_km) < plane.capture_radius_km) == hits
 
 
 def test_captured_orbit_has_no_b_plane(flight: Trajectory, flyby: Encounter) -> None:

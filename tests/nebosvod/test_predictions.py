@@ -140,7 +140,7 @@ def test_impact_probability_is_the_share_of_normal_points_on_the_disc(flyby: tup
     _, one, asked = flyby
     curved = {"mean_shift_km": [0.3, -0.2], "measure": 0.1, "misleads": False}
     factor = one.estimate.predict(*known_partials(asked[2], one.estimate)).factor
-    edge = replace(asked[2], value=np.array([13773.0, 0.5]))
+    edge = replace(asked[2], value=np.array([asked[2].facts["capture_radius_km"], 0.5]))
     row = prediction_row(edge, one.estimate, "batch", [], curved)
     draws = edge.value + np.random.default_rng(1).standard_normal((400_000, 2)) @ factor.T
     share = np.mean(np.hypot(*draws.T) <= edge.facts["capture_radius_km"])
