@@ -160,8 +160,11 @@ def _trials(summary: Mapping[str, Any]) -> Iterator[str]:
     for row in summary.get("consistency", {}).get("by_estimator", ()):
         low, high = row["nees_interval_99"]
         verdict = "inside" if low <= row["nees_mean"] <= high else "OUTSIDE"
+        how = ", estimates iterated" * bool(row.get("iterated")) + f", {row['n_failed']} lost" * bool(
+            row.get("n_failed")
+        )
         yield (
-            f"Monte Carlo, {row['estimator']}: {row['n_runs']} runs, mean NEES/6 {row['nees_mean']:.3f}, "
+            f"Monte Carlo, {row['estimator']}: {row['n_runs']} runs{how}, mean NEES/6 {row['nees_mean']:.3f}, "
             f"{verdict} its 99 % interval {low:.3f} to {high:.3f}"
         )
 

@@ -247,8 +247,9 @@ def consistency_sentence(run: RunFolder, estimator: Item) -> Markup | None:
         return None
     low, high = one["nees_interval_99"]
     inside = low <= one["nees_mean"] <= high
-    return Markup("Monte Carlo ({} runs) {} the sigma: mean NEES/6 is {}, {} its 99{}% interval of {} to {}.").format(
-        one["n_runs"], "confirms" if inside else "contradicts", quantity(one["nees_mean"], "", 4),
+    how = ", estimates iterated" if one.get("iterated") else ""
+    return Markup("Monte Carlo ({} runs{}) {} the sigma: mean NEES/6 is {}, {} its 99{}% interval of {} to {}.").format(
+        one["n_runs"], how, "confirms" if inside else "contradicts", quantity(one["nees_mean"], "", 4),
         "inside" if inside else "outside", NBSP, number(low), number(high),
     )  # fmt: skip
 
