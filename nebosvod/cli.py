@@ -296,7 +296,10 @@ def compare(folders: tuple[Path, ...], page: Path | None, as_json: bool) -> int:
 def report(folder: Path, pdf: bool) -> int:
     """(Re)make report.html of the run in FOLDER, from the files of the run alone."""
     from nebosvod.result import rewrite_report
+    from nebosvod.wholefile import refuse_link
 
+    if folder.is_symlink():
+        refuse_link(folder, folder.lstat().st_mode)
     made = rewrite_report(folder, pdf=pdf, say=lambda sentence: click.echo(f"notice: {sentence}", err=True))
     click.echo(f"report: {made}")
     if pdf:

@@ -50,6 +50,8 @@ def bordered(**units: str) -> Callable[[F], F]:
     def decorate(function: F) -> F:
         names, wanted = _parameters(function, units)
         label = function.__qualname__.removesuffix(".__init__")
+        epochs_named = frozenset(name for name, unit in wanted.items() if unit == "epoch")
+        epochs = tuple(k for k, name in enumerate(names) if name in epochs_named)
 
         @wraps(function)
         def entered(*args: Any, **kwargs: Any) -> Any:
@@ -57,7 +59,9 @@ def bordered(**units: str) -> Callable[[F], F]:
                 if type(value) not in PLAIN:
                     break
             else:
-                if all(type(value) in PLAIN for value in kwargs.values()):
+                # an epoch is not a plain number
+                told = all(k >= len(args) or type(args[k]) is Epoch or args[k] is None for k in epochs)
+                if told and all(type(value) in PLAIN for value in kwargs.values()) and epochs_named.isdisjoint(kwargs):
                     return function(*args, **kwargs)
             border = Border(label, wanted, dict(zip(names, args)) | kwargs)
             args = tuple(border.converted(names[k] if k < len(names) else "", value) for k, value in enumerate(args))
@@ -135,6 +139,13 @@ def is_moment(value: Any) -> bool:
     return _is_time(value) or isinstance(value, datetime)
 
 
+def duration_s(value: Any) -> float | None:
+    """Seconds of a timedelta or of an astropy TimeDelta; None for what is neither."""
+    if isinstance(value, timedelta):
+        return value.total_seconds()
+    return float(value.jd1 * SECONDS_PER_DAY + value.jd2 * SECONDS_PER_DAY) if _is_duration(value) else None
+
+
 def _is_time(value: Any) -> bool:
     module = sys.modules.get("astropy.time")
     return module is not None and isinstance(value, module.Time)
@@ -162,11 +173,11 @@ class Border:
 
     def converted(self, name: str, value: Any) -> Any:
         """One argument as the function takes it."""
+        what, unit = f"{self.label}: {name}", self.wanted.get(name)
+        if unit == "epoch" and value is not None:
+            return moment(value, what)
         if type(value) in PLAIN:
             return value
-        what, unit = f"{self.label}: {name}", self.wanted.get(name)
-        if unit == "epoch" and (isinstance(value, str) or _foreign(value)):
-            return moment(value, what)
         if unit == "spans":
             return tuple((moment(start, what), moment(end, what)) for start, end in value)
         if not _foreign(value):

@@ -87,6 +87,7 @@ class GeocentricOrbit:
         state[:, 3:] = state[:, 3:] * (1.0 + mean_rate / n) + np.cross(spin, r)
         return ephemeris.state_km_km_s("earth", epoch, t_s) + turned(R_icrf_from_cirs(epoch, t_s), state)
 
+    @bordered()
     def transitions(self, ephemeris: Ephemeris, epoch: Epoch, start_s: float, t_s: Array) -> Array:
         """Partials (n, 6, 6) of the state at `t_s` (n,) by the state at `start_s`, ICRF, km and km/s."""
         n = np.sqrt(ephemeris.gm_km3_s2["earth"] / self.a_km**3)

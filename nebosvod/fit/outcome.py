@@ -14,6 +14,7 @@ from nebosvod.fit.material import gather, one_object
 from nebosvod.fit.summary import summarise
 from nebosvod.fit.tables import all_arrays, all_tables
 from nebosvod.mission import FitMission
+from nebosvod.mission.fields import slug
 from nebosvod.mission.fit import FitPlan
 from nebosvod.observation.records import Astrometry
 from nebosvod.ownership import sha256_of
@@ -37,9 +38,14 @@ def mission_of(files: Sequence[str], designations: Sequence[str] = ()) -> FitMis
     """
     if not files:
         raise InputError("no observations: name their files, or one settings file (.yaml) with a fit block")
-    stem = Path(files[0]).name.partition(".")[0]
-    chosen = {"designation": tuple(designations)} if designations else {}
-    plan = FitPlan(observations=tuple(str(file) for file in files)).model_copy(update=chosen)
+    stem = slug(Path(files[0]).name.partition(".")[0], "observations")
+    if not all(str(file) for file in files):
+        raise InputError('"": no such file (got an empty name); name a file of observations')
+    # names of the system, which may be longer than the lines of a settings file
+    chosen = {"observations": tuple(str(file) for file in files)}
+    plan = FitPlan(observations=("-",)).model_copy(
+        update=chosen | ({"designation": tuple(designations)} if designations else {})
+    )
     return FitMission(schema_version=1, name=designations[0] if designations else stem, fit=plan)
 
 

@@ -14,7 +14,7 @@ from pydantic import BaseModel
 
 from nebosvod.errors import InputError
 from nebosvod.mission.fields import Parsed, epoch_text
-from nebosvod.quantities import is_moment, is_quantity, moment
+from nebosvod.quantities import duration_s, is_moment, is_quantity, moment
 from nebosvod.timescale import Epoch
 from nebosvod.yamlfile import Tree, scalar, shown
 
@@ -86,6 +86,8 @@ def plain(value: Any) -> Tree:
         return [f"{one!r} {unit}" for one in numbers] if isinstance(numbers, list) else f"{numbers!r} {unit}"
     if isinstance(value, Epoch) or is_moment(value):
         return epoch_text(moment(value))
+    if (seconds := duration_s(value)) is not None:
+        return f"{seconds!r} s"
     if isinstance(value, Mapping):
         return {str(key): plain(one) for key, one in value.items()}
     if isinstance(value, tuple | list):

@@ -2,13 +2,13 @@
 
 import hashlib
 import json
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
 import pytest
 from astropy import units as u
-from astropy.time import Time
+from astropy.time import Time, TimeDelta
 
 from nebosvod import load_mission, run
 from nebosvod.errors import InputError
@@ -58,6 +58,8 @@ def test_one_place_or_many_are_changed() -> None:
     assert mission.with_("telescopes.-1.noise.sigma", "1 arcsec").telescopes[1].noise.sigma > 4e-6
     for when in ("2029-04-01 UTC", datetime(2029, 4, 1, tzinfo=UTC), Time("2029-04-01T00:01:09.185647", scale="tdb")):
         assert abs(mission.with_("schedule.0.end", when).schedule[0].end - Epoch.parse("2029-04-01 UTC")) < 1e-5
+    for step in ("12 h", timedelta(hours=12), TimeDelta(0.5 * u.day), 0.5 * u.day):
+        assert mission.with_("schedule.0.cadence", step).schedule[0].cadence == 43200.0
     assert mission.with_("monte_carlo", {"runs": 7}).monte_carlo.runs == 7  # type: ignore[union-attr]
     assert mission.with_("monte_carlo.runs", 8).monte_carlo.runs == 8  # type: ignore[union-attr]
     assert mission.with_("predictions", None).predictions == ()

@@ -314,3 +314,14 @@ def test_pages_are_refused_before_computing(
     assert main(["plan", "minimal", "--page", str(page), *more]) == 3
     assert str(page) in capsys.readouterr().err
     assert tree(tmp_path) == before
+
+
+def test_a_report_is_not_written_through_a_link_to_its_folder(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["run", "minimal", "-o", str(tmp_path / "run")]) == 0
+    before = (tmp_path / "run" / "report.html").stat().st_mtime_ns
+    (tmp_path / "link").symlink_to(tmp_path / "run", target_is_directory=True)
+    assert main(["report", str(tmp_path / "link")]) == 3
+    assert "symbolic link" in capsys.readouterr().err
+    assert (tmp_path / "run" / "report.html").stat().st_mtime_ns == before

@@ -145,6 +145,7 @@ def test_datetimes_need_a_zone() -> None:
         ((STATE, EPOCH, [0.0, 1.0] * u.km), r"propagate: t_s: needs a quantity in s .*\"km\""),
         ((STATE, EPOCH, [0.0, 1.0] * u.one), r"propagate: t_s: needs a quantity in s .*without dimension"),
         ((STATE, EPOCH, [0.0, 1.0 * u.s]), r"propagate: t_s: needs bare numbers \(in s\) or times, not a mixture"),
+        ((STATE, 2462090.5, [0.0]), r"propagate: epoch: needs a moment, got a float"),
         ((STATE, 2462090.5 * u.day, [0.0]), r"propagate: epoch: needs a moment, got a quantity in \"d\""),
         ((STATE, Time(["2028-11-15", "2028-11-16"]), [0.0]), r"propagate: epoch: needs one moment, .*\(2,\)"),
         ((STATE, Time("2028-11-15", scale="ut1"), [0.0]), r"propagate: epoch: a Time in the scale ut1"),

@@ -411,3 +411,9 @@ def test_row_33_the_environment_does_not_change_what_check_says(tmp_path: Path) 
         )  # fmt: skip
         outputs.add(done.stdout)
     assert len(outputs) == 1
+
+
+@pytest.mark.parametrize("name", [".", "..", "/", "", "x" * 150 + "/" + "y" * 150])
+def test_observations_that_are_no_file_are_wrong_input(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["fit", name]) in (2, 3)
+    assert "internal error" not in capsys.readouterr().err
