@@ -121,7 +121,7 @@ class _Truth:
     ) -> "_Truth":
         """Collect them; cheap when the truth is as assumed."""
         size = partition.n_unknowns
-        differs = wanted and _mismatched(problem)
+        differs = wanted and mismatched(problem)
         known = not (differs and any(markov.treatment != "fixed" for markov in problem.markov))
         if not (differs and known):
             none = np.zeros((len(partition.left_out), 0))
@@ -137,7 +137,7 @@ class _Truth:
         return cls(known=True, differs=True, rows=fresh, inside=inside, outside=outside)
 
 
-def _mismatched(problem: LinearProblem) -> bool:
+def mismatched(problem: LinearProblem) -> bool:
     """Whether the truth differs from what the estimator assumes."""
     groups: tuple[Block | White | Markov, ...] = (*problem.blocks, *problem.white, *problem.markov)
     if any(group.treatment in ("considered", "ignored") for group in groups):

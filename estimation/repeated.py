@@ -9,13 +9,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 
-from nebosvod.estimation.addition import Additions, Belief, additions, gains, take
+from nebosvod.estimation.addition import Additions, Belief, additions
 from nebosvod.estimation.batch import prior_rows, solve
 from nebosvod.estimation.estimate import Estimate
 from nebosvod.estimation.partition import Partition
 from nebosvod.estimation.problem import LinearProblem
-from nebosvod.estimation.square_root import append_rows, conditioning, solve_rows
+from nebosvod.estimation.recursive import mismatched
+from nebosvod.estimation.square_root import append_rows, conditioning, lower_factor, solve_rows
 from nebosvod.estimation.subset import subset
 from nebosvod.estimation.whitening import Whitener, raw_rows, whitened_rows
 
@@ -92,20 +94,15 @@ class Innovations:
         estimate = solve(head)
         belief = Belief.of(estimate)
         added, known = _all_additions(problem)
-        rest = range(first, problem.n)
-        size, p = len(estimate.names), problem.p
-        K, formal, true = np.empty((len(rest), size, p)), np.empty((len(rest), p, p)), np.empty((len(rest), p, p))
-        for i, row in enumerate(rest):
-            one = Additions(H=added.H[row : row + 1], noise=added.noise[row : row + 1])
-            K[i : i + 1], formal[i : i + 1] = gains(belief, one)
-            wide = np.hstack([one.H[0] @ belief.G, one.noise[0]])
-            true[i] = np.linalg.cholesky(wide @ wide.T)
-            belief = take(belief, added, row)
+        size, p, rest = len(estimate.names), problem.p, problem.n - first
+        K, formal, true = np.empty((rest, size, p)), np.empty((rest, p, p)), np.empty((rest, p, p))
+        H, noise, same = np.ascontiguousarray(added.H[first:]), added.noise[first:], not mismatched(problem)
+        _pass(H, np.ascontiguousarray(noise), lower_factor(belief.S), belief.G, same, K, formal, true)
         return cls(
             problem=problem,
             first=first,
             start=Repeated.of(head, estimate),
-            H=np.ascontiguousarray(added.H[first:, :, :size]),
+            H=np.ascontiguousarray(H[:, :, :size]),
             K=K,
             formal=formal,
             true=true if known else None,
@@ -127,6 +124,39 @@ class Innovations:
             innovation[i] = rows[self.first + i] - self.H[i] @ x
             x = x + self.K[i] @ innovation[i]
         return _squares(self.formal, innovation), None if self.true is None else _squares(self.true, innovation)
+
+
+@njit(cache=True)
+def _pass(H, noise, S, G, same, K, formal, true):  # type: ignore[no-untyped-def]
+    """Take in whitened measurements (m, p, s + s_j) in order; fill gains and factors of the innovation covariances.
+
+    S <- S (I - X^T L^-T (L + I)^-1 X) with X = H S, L L^T = I + X X^T (Andrews 1968), and G as in `addition`.
+
+    Parameters
+    ----------
+    same : whether the truth is as assumed: then G is S.
+    """
+    p, size, every = H.shape[1], len(S), len(G)
+    unit = np.eye(p)
+    S, G = S.copy(), G.copy()
+    for k in range(len(H)):
+        X = np.ascontiguousarray(H[k, :, :size]) @ S
+        L = np.linalg.cholesky(unit + X @ X.T)
+        inner = np.linalg.solve(L, X)  # L^-1 X
+        formal[k] = L
+        K[k] = np.linalg.solve(L.T, inner @ S.T).T
+        if same:
+            true[k] = L
+        else:
+            HG = H[k] @ G
+            wide = np.hstack((HG, noise[k]))
+            true[k] = np.linalg.cholesky(wide @ wide.T)
+            G[:size] -= K[k] @ HG
+            fresh = np.zeros((every, p))
+            fresh[:size] = K[k] @ noise[k]
+            G = np.ascontiguousarray(np.linalg.qr(np.hstack((G, fresh)).T)[1].T)
+        S -= (S @ inner.T) @ np.linalg.solve(L + unit, X)
+    return G
 
 
 def _squares(factors: Array, innovation: Array) -> Array:

@@ -6,7 +6,7 @@ this ties together are merged into one source, for the cross blocks must never b
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
@@ -39,6 +39,7 @@ class PriorTable:
     """
 
     entries: tuple[tuple[str, tuple[str, ...], Array, Array], ...]
+    _factors: list[Array] = field(default_factory=list, init=False, repr=False)
 
     def at(self, values: Mapping[str, float]) -> tuple[Prior, ...]:
         """The priors as seen from a linearisation point given by its values."""
@@ -50,8 +51,9 @@ class PriorTable:
     def draw(self, rng: np.random.Generator) -> dict[str, float]:
         """A truth for every parameter that has a prior."""
         truth: dict[str, float] = {}
-        for _, names, mean, covariance in self.entries:
-            factor = _factor(covariance)
+        if not self._factors:  # the same for every draw
+            self._factors.extend(_factor(covariance) for _, _, _, covariance in self.entries)
+        for (_, names, mean, _), factor in zip(self.entries, self._factors):
             truth.update(zip(names, (mean + factor @ rng.standard_normal(len(names))).tolist()))
         return truth
 

@@ -96,12 +96,16 @@ class Estimating:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Setting:
-    """What every trial starts from: the scene, what is known beforehand, the nominal point seen, and the estimators."""
+    """What every trial starts from: the scene, what is known beforehand, the nominal point seen, and the estimators.
+
+    Parameters of the orbit that are `fixed` have their nominal values in every truth.
+    """
 
     scene: Scene
     priors: PriorTable
     nominal: View
     estimating: tuple[Estimating, ...]
+    fixed: frozenset[str]
 
     @classmethod
     def of(cls, mission: Mission) -> "Setting":
@@ -114,7 +118,8 @@ class Setting:
     def at(cls, scene: Scene, nominal: View, priors: PriorTable, estimators: Sequence[Estimator]) -> "Setting":
         """Prepare some estimators of a scene at its nominal point."""
         found = tuple(Estimating.of(scene, estimator, nominal, priors) for estimator in estimators)
-        return cls(scene=scene, priors=priors, nominal=nominal, estimating=found)
+        fixed = frozenset(one.name for one in scene.mission.free_parameters if one.treatment == "fixed")
+        return cls(scene=scene, priors=priors, nominal=nominal, estimating=found, fixed=fixed)
 
 
 def generator(seed: int, run: int) -> np.random.Generator:
@@ -124,11 +129,12 @@ def generator(seed: int, run: int) -> np.random.Generator:
 
 def measured_truth(setting: Setting, rng: np.random.Generator) -> tuple[Array, Mapping[str, float]]:
     """Draw one truth and measure it: directions (n, 2), and every true value as a deviation from the nominal point."""
-    scene, nominal, priors = setting.scene, setting.nominal, setting.priors
+    nominal = setting.nominal
     values = nominal.point.values
-    fixed = {parameter.name for parameter in scene.mission.free_parameters if parameter.treatment == "fixed"}
     truth = dict.fromkeys(values, 0.0)
-    truth |= {name: value - values[name] for name, value in priors.draw(rng).items() if name not in fixed}
+    truth |= {
+        name: value - values[name] for name, value in setting.priors.draw(rng).items() if name not in setting.fixed
+    }
     drawn = draw_truth(nominal.terms, rng)
     for term in nominal.terms:
         if isinstance(term, Common):

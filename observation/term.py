@@ -5,7 +5,7 @@ draws correlated in time, in state-space form so that its cost stays linear in t
 its own truth, by the same numbers that describe it to the estimator.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal, get_args
 
 import numpy as np
@@ -63,11 +63,12 @@ class White:
     displacement: Array | None
     Q: Array
     treatment: Treatment
+    _roots: list[Array] = field(default_factory=list, init=False, repr=False)
 
     def draw(self, rng: np.random.Generator, count: int = 1) -> Array:
         """Independent truths (count, r, q)."""
         normal = rng.standard_normal((count, *self.Q.shape[:2], 1))
-        return (root(self.Q) @ normal)[..., 0]
+        return (_kept(self._roots, self.Q) @ normal)[..., 0]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -91,11 +92,12 @@ class Markov:
     Q: Array
     P0: Array
     treatment: Treatment
+    _roots: list[Array] = field(default_factory=list, init=False, repr=False)
 
     def draw(self, rng: np.random.Generator, count: int = 1) -> Array:
         """Independent truths (count, r, q)."""
         normal = rng.standard_normal((count, *self.Q.shape[:2]))
-        factor = root(self.Q)
+        factor = _kept(self._roots, self.Q)
         chain = np.empty_like(normal)
         chain[:, 0] = normal[:, 0] @ root(self.P0).T
         for i in range(1, self.rows.size):
@@ -110,6 +112,13 @@ def check_treatment(name: str, treatment: str) -> None:
     """Raise InputError unless `treatment` is one of the four."""
     if treatment not in get_args(Treatment):
         raise InputError(f"{name}: treatment must be one of {', '.join(get_args(Treatment))} (got {treatment})")
+
+
+def _kept(roots: list[Array], covariance: Array) -> Array:
+    """The square roots of a term that is drawn many times, found at its first draw."""
+    if not roots:
+        roots.append(root(covariance))
+    return roots[0]
 
 
 def root(covariance: Array) -> Array:
