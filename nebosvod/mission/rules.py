@@ -295,10 +295,17 @@ def _estimator(mission: Mission, index: int, estimator: Estimator) -> Iterator[C
             yield (*here, group), f"{treatment} needs a sigma, and {group} has none; give it one where it is described"
         if group in mission.joint_parameters and treatment != "estimated":
             yield (*here, group), f"{group} is joint with the orbit in the prior, so it must be estimated"
-    density = mission.object.density
-    if density is not None and density.treatment != "fixed":
+    prior = mission.covariance_prior
+    if prior is not None and prior.epoch != mission.reference_epoch:
+        for p in mission.free_parameters:
+            if mission.treatment(estimator, p.group) == "fixed" and p.group not in mission.joint_parameters:
+                text = (
+                    f"the prior orbit, carried from {prior.epoch} to the reference epoch, is correlated with {p.group},"
+                )
+                yield (*here, p.group), f"{text} which therefore cannot be fixed for one estimator; consider it"
+    if mission.object.radius_mass_covariance:
         pair = {mission.treatment(estimator, group) for group in ("radius", "mass")}
-        if len(pair) > 1 and mission.treatment(estimator, "radius") != "fixed":
+        if len(pair) > 1:
             yield here, "radius and mass (from density) are correlated and need one treatment"
 
 

@@ -25,6 +25,7 @@ from nebosvod.timescale import Epoch
 from nebosvod.yamlfile import KeyPath, dotted, parse_yaml
 
 EXPOSURES = 8  # of each arc: enough for an orbit and a bias, and quick
+FEW = 3  # where many telescopes make them
 RUNS = 5
 CRASH = re.compile(r"details: (\S+\.txt)")
 
@@ -44,10 +45,11 @@ def tree_of(name: str) -> dict[str, Any]:
 def thinned(tree: dict[str, Any]) -> dict[str, Any]:
     """The mission with few exposures and few runs of Monte Carlo."""
     tree = copy.deepcopy(tree)
+    count = EXPOSURES if len(tree.get("telescopes", ())) < FEW else FEW
     for arc in tree.get("schedule", ()):
         span = Epoch.parse(arc["end"]) - Epoch.parse(arc["start"])
         if span > 0.0:
-            arc["cadence"] = f"{span / (EXPOSURES - 1):.3f} s"
+            arc["cadence"] = f"{span / (count - 1):.3f} s"
     if isinstance(tree.get("monte_carlo"), dict):
         tree["monte_carlo"]["runs"] = RUNS
     return tree

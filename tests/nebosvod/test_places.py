@@ -243,3 +243,62 @@ def test_a_doubtful_place_is_a_caution_of_check_and_run(edit: dict[str, Any], wo
 @pytest.mark.parametrize("name", [name for name, _ in list_missions()])
 def test_no_built_in_mission_has_a_doubtful_place(name: str) -> None:
     assert not [n for n in load_mission(name).notices if "fixed" not in n]
+
+
+def made_records(begin: Epoch, code: str = "500") -> str:
+    """MPC records from the Earth's centre: three a night, every third day for three weeks, 0.2 arcsec of noise."""
+    from nebosvod.dynamics import Ephemeris, ForceModel, propagate
+    from nebosvod.observation import GroundSite, Telescope, observe
+
+    rng, ephemeris = np.random.default_rng(3), Ephemeris.load()
+    t_s = np.sort(np.concatenate([np.arange(0.0, 21.0, 3.0) + hour / 24.0 for hour in (0.5, 1.0, 1.5)])) * 86400.0
+    earth = ephemeris.state_km_km_s("earth", begin, 0.0)[0] - ephemeris.state_km_km_s("sun", begin, 0.0)[0]
+    state = 1.2 * earth * np.array([1.0, 1.0, 1.05, 0.9, 0.9, 0.95])
+    orbit = propagate(state, begin, t_s, ForceModel(ephemeris=ephemeris))
+    centre = Telescope(name=code, spacecraft=GroundSite(itrf_km=np.zeros(3), extrapolate=True), sigma_rad=1e-6)
+    psi = observe(orbit, centre, t_s, ephemeris).psi + rng.normal(0.0, 0.2 / 206264.8, (t_s.size, 2))
+    rows = []
+    for t, (ra, dec) in zip(t_s, np.degrees(psi)):
+        date = (begin + float(t)).iso("utc", 6)
+        day = int(date[8:10]) + (int(date[11:13]) + (int(date[14:16]) + float(date[17:26]) / 60.0) / 60.0) / 24.0
+        hours, size = ra / 15.0, abs(dec)
+        rows.append(
+            f"     K24A01A  C{date[:4]} {date[5:7]} {day:09.6f}"
+            f"{int(hours):02d} {int(hours * 60 % 60):02d} {hours * 3600 % 60:06.3f}"
+            f"{'-' if dec < 0 else '+'}{int(size):02d} {int(size * 60 % 60):02d} {size * 3600 % 60:05.2f}"
+            f"         20.0 Vd     {code}"
+        )
+    return "\n".join(rows) + "\n"
+
+
+FIT = "schema_version: 1\nname: ends\nfit:\n  observations: [made.obs80]\n"
+
+
+@pytest.mark.usefixtures("excerpt")
+@pytest.mark.parametrize("end", [0, 1], ids=["first day", "last day"])
+def test_observations_at_both_ends_of_the_ephemeris_are_fitted(end: int, tmp_path: Path) -> None:
+    begin = Epoch.parse(ENDS[0]) if end == 0 else Epoch.parse(ENDS[1]) + -(18 * 86400.0 + 2 * 3600.0)
+    (tmp_path / "made.obs80").write_text(made_records(begin))
+    (tmp_path / "m.yaml").write_text(
+        FIT + f"  epochs: [{ENDS[end]}]\npredictions: [{{name: p, plane: position, at: {ENDS[end]}}}]\n"
+    )
+    assert main(["fit", str(tmp_path / "m.yaml"), "-o", str(tmp_path / "out"), "--export"]) == 0
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text("utf-8"))
+    assert summary["predictions"][0]["status"] == "answered"
+
+
+@pytest.mark.usefixtures("excerpt")
+def test_what_a_fit_asks_outside_the_ephemeris_is_named_by_its_place(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "made.obs80").write_text(made_records(Epoch.parse("2024-02-01 TDB")))
+    text = FIT + "  epoch: 2061-01-01T00:00:00 TDB\n"
+    assert place_of(text, "2061-01-01", "fit.epoch") + "epoch 2061" in fails(tmp_path, text, 2, capsys, "fit")
+    text = FIT + "  spacecraft: {C57: {kind: oem, file: none.oem}}\n"
+    (tmp_path / "none.oem").write_text("nothing")
+    assert place_of(text, "C57", "fit.spacecraft.C57") in fails(tmp_path, text, 2, capsys, "fit")
+    text = FIT + "  weights: none.oem\n"
+    assert place_of(text, "none.oem", "fit.weights") in fails(tmp_path, text, 2, capsys, "fit")
+    late = (tmp_path / "made.obs80").read_text().replace("C2024", "C2061")
+    (tmp_path / "made.obs80").write_text(late)
+    assert "made.obs80:1: epoch 2061-02" in fails(tmp_path, FIT, 2, capsys, "fit")
