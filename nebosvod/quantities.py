@@ -29,7 +29,7 @@ UNITS: Mapping[str, str] = {
     "km_km_s": STATE, "km3_s2": "km3 / s2", "rad_s": "rad / s", "km_s": "km / s", "au_d2": "au / d2", "km2": "km2",
     "rad2": "rad2", "km": "km", "rad": "rad", "kg": "kg", "au": "au", "m": "m", "s": "s", "h": "h",
 }  # fmt: skip
-PLAIN = frozenset((int, float, bool, np.ndarray, np.float64, type(None), Epoch))
+HARMLESS = {int, float, bool, str, np.ndarray, np.float64, type(None), Epoch}  # types met that need no look
 
 
 def bordered(**units: str) -> Callable[[F], F]:
@@ -56,12 +56,14 @@ def bordered(**units: str) -> Callable[[F], F]:
         @wraps(function)
         def entered(*args: Any, **kwargs: Any) -> Any:
             for value in args:
-                if type(value) not in PLAIN:
+                if type(value) not in HARMLESS and not _harmless(type(value)):
                     break
             else:
                 # an epoch is not a plain number
-                told = all(k >= len(args) or type(args[k]) is Epoch or args[k] is None for k in epochs)
-                if told and all(type(value) in PLAIN for value in kwargs.values()) and epochs_named.isdisjoint(kwargs):
+                if all(k >= len(args) or type(args[k]) is Epoch or args[k] is None for k in epochs) and all(
+                    _harmless(type(value)) and (type(value) is Epoch or value is None or name not in epochs_named)
+                    for name, value in kwargs.items()
+                ):
                     return function(*args, **kwargs)
             border = Border(label, wanted, dict(zip(names, args)) | kwargs)
             args = tuple(border.converted(names[k] if k < len(names) else "", value) for k, value in enumerate(args))
@@ -156,11 +158,23 @@ def _is_duration(value: Any) -> bool:
     return isinstance(value, timedelta) or (module is not None and isinstance(value, module.TimeDelta))
 
 
+def _harmless(kind: type) -> bool:
+    """Whether values of a type are none of another library's, and hold none; remembered by type."""
+    if kind in HARMLESS:
+        return True
+    if issubclass(kind, list | tuple | datetime | timedelta | np.datetime64) or any(
+        base.__module__.partition(".")[0] == "astropy" for base in kind.__mro__
+    ):
+        return False
+    HARMLESS.add(kind)
+    return True
+
+
 def _foreign(value: Any) -> bool:
     """Whether a value, or an element of a sequence, is of another library's kind."""
     if is_quantity(value) or _is_time(value) or _is_duration(value) or isinstance(value, datetime | np.datetime64):
         return True
-    return isinstance(value, list | tuple) and any(_foreign(one) for one in value)
+    return isinstance(value, list | tuple) and any(not _harmless(type(one)) and _foreign(one) for one in value)
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,7 +190,7 @@ class Border:
         what, unit = f"{self.label}: {name}", self.wanted.get(name)
         if unit == "epoch" and value is not None:
             return moment(value, what)
-        if type(value) in PLAIN:
+        if _harmless(type(value)):
             return value
         if unit == "spans":
             return tuple((moment(start, what), moment(end, what)) for start, end in value)

@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 SCRIPT = """
-import resource, sys, time
+import sys, time
+from pathlib import Path
 from nebosvod.errors import InputError
 from nebosvod.observation.astrometry_files import read_astrometry
 began = time.process_time()
@@ -19,7 +20,9 @@ except InputError as error:
 else:
     print("read")
 print(time.process_time() - began)
-print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+# not ru_maxrss, which a child has from its parent, here a whole test run
+status = Path("/proc/self/status").read_text().splitlines()
+print(next(line.split()[1] for line in status if line.startswith("VmHWM")))
 """
 PSV = b"# version=2022\npermID|stn|obsTime|ra|dec|mode|astCat\n"
 RECORD = b"00433         A1893 10 29.4132  06 08 59.32 +53 39 04.2                 HA053802\n"
