@@ -331,7 +331,7 @@ def test_start_below_the_surface_is_an_event(ephemeris: Ephemeris) -> None:
 def test_start_at_the_centre_of_a_body_stops_at_once(ephemeris: Ephemeris, days: float) -> None:
     epoch = Epoch.parse("2030-05-01T00:00:00 TDB")
     venus = ephemeris.state_km_km_s("venus", epoch, 0.0)[0] - ephemeris.state_km_km_s("sun", epoch, 0.0)[0]
-    with pytest.raises(EventError, match=r"hits venus at about 2030-05-01T00:00:00.* 0 km from its centre.*starts below the surface"):
+    with pytest.raises(EventError, match=r"venus at about 2030-05-01T00:00:00.* 0 km from .*starts below the surface"):
         propagate(venus, epoch, [days * DAY_S], ForceModel(ephemeris=ephemeris))
 
 
