@@ -851,7 +851,7 @@ def test_any_units_change_nothing(name: str, exponents: list[int]) -> None:
 WITHOUT = {
     "problem.Block", "problem.Prior", "problem.White", "problem.Markov", "problem.LinearProblem", "problem.readonly",
     "estimate.Status", "partition.CommonSource", "sources.Solved", "sources.residual_after", "sources.prior_draws",
-    "rejection.turning",
+    "rejection.turning", "recursive.mismatched",
     "batch.prior_rows", "batch.solved_triangle", "whitening.chunks", "whitening.add_white", "whitening.projected",
     "whitening.whitened_rows", "whitening.raw_rows",
 }  # fmt: skip
