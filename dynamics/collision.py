@@ -17,6 +17,7 @@ from nebosvod.timescale import Epoch
 Array = npt.NDArray[np.float64]
 IMPACT_TIDE = 1e-7  # s^-2: GM/r^3 at the surface of every body is larger (Saturn 1.7e-7)
 IMPACT_SAMPLES = 33  # to a step
+AT_ONCE = 1000  # steps sampled at a time: 20 MB
 IMPACT_GRAIN_S = 1e-3  # to which the time of an impact is found
 
 
@@ -35,8 +36,9 @@ def require_no_impact(trajectory: Trajectory, tide: Array) -> None:
         return
     edges = trajectory.step_edges_s
     ends = np.stack([edges[steep], edges[steep + 1]])
-    within_reach = {body: _within_reach(trajectory, body, ends) for body in trajectory.forces.bodies}
-    for k in np.argsort(np.abs(ends.sum(axis=0))):
+    within_reach = {body: _may_reach(trajectory, body, ends) for body in trajectory.forces.bodies}
+    suspect = np.flatnonzero(np.any(list(within_reach.values()), axis=0))
+    for k in suspect[np.argsort(np.abs(ends[:, suspect].sum(axis=0)))]:
         times = np.linspace(ends[0, k], ends[1, k], IMPACT_SAMPLES)
         for body in (name for name, reached in within_reach.items() if reached[k]):
             t = arrival(trajectory, body, times)
@@ -83,14 +85,26 @@ def _places(ephemeris: Ephemeris, epoch: Epoch, bodies: tuple[str, ...]) -> tupl
     return places, np.array([SURFACE_KM[body] for body in bodies])
 
 
-def _within_reach(trajectory: Trajectory, body: str, ends: Array) -> npt.NDArray[np.bool_]:
-    """Which steps with these ends (2, k) can come to the surface: it is nearer to an end than speed times length.
+def _may_reach(trajectory: Trajectory, body: str, ends: Array) -> npt.NDArray[np.bool_]:
+    """Which steps with these ends (2, k) can come to the surface, first by their ends, then by samples between them.
 
-    One of the ends is half the length away, so there is room for twice the speed between them.
+    An orbit close about the Sun is in reach of it by every end, thousands of times.
     """
-    states = relative_state(trajectory, body)(ends.ravel()).reshape(2, -1, 6)
+    reached = _within_reach(trajectory, body, ends)
+    near = np.flatnonzero(reached)
+    for some in np.split(near, range(AT_ONCE, near.size, AT_ONCE)):
+        reached[some] = _within_reach(trajectory, body, np.linspace(*ends[:, some], IMPACT_SAMPLES))
+    return reached
+
+
+def _within_reach(trajectory: Trajectory, body: str, times: Array) -> npt.NDArray[np.bool_]:
+    """Which steps with these samples (m, k) can come to the surface: it is nearer to one than speed times spacing.
+
+    One of the samples is half the spacing away, so there is room for twice the speed between them.
+    """
+    states = relative_state(trajectory, body)(times.ravel()).reshape(*times.shape, 6)
     distance, speed = (np.linalg.norm(part, axis=2) for part in (states[:, :, :3], states[:, :, 3:]))
-    reach = speed.max(axis=0) * (ends[1] - ends[0])
+    reach = speed.max(axis=0) * (times[1] - times[0])
     reached: npt.NDArray[np.bool_] = distance.min(axis=0) < SURFACE_KM[body] + reach
     return reached
 

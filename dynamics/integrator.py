@@ -240,6 +240,7 @@ def march(
 def integrate(
     n: int, starts: Array, strengths: Array, end_s: float, coefficients: Array, layout: Integers, timing: Array,
     p: Physics, columns: Integers, variations: bool, tolerance: float, guide: Steps, nodes: Array, samples: Samples,
+    most: int = MOST_STEPS,
 ) -> tuple[int, Steps]:  # fmt: skip
     """Integrate one orbit, or many on the grid of a guide, from t = 0 to end_s (either sign).
 
@@ -257,21 +258,24 @@ def integrate(
         steps, and iterate their difference from the guide; no steps if there is none.
     samples : where to evaluate many orbits, which needs a guide and brings no steps and no variations; empty for one
         orbit, of which the steps are wanted.
+    most : how many steps of one orbit there may be, up to MOST_STEPS; each keeps 0.3 to 3 kB.
 
     Returns a status (OK, STALLED, TOO_MANY_STEPS, or OFF_GRID if the guide's steps do not suit) and the accepted steps.
     """
     count = 6 + len(columns) if variations else 0
     lasting, clock, orbits = memory(len(layout), count), np.zeros(4), np.zeros((len(starts), 36))
     orbits[:, :6] = starts
-    expected = len(guide.start) or int(abs(end_s) / USUAL_STEP_S) + 16
+    expected = len(guide.start) or min(int(abs(end_s) / USUAL_STEP_S) + 16, most)
     steps, status = make_steps(0 if len(samples.tide) else expected, count), FULL
     while status == FULL:
         status = march(
             n, orbits, strengths, end_s, coefficients, layout, timing, tuple(p), columns, variations, tolerance, guide,
             nodes, samples, lasting, clock, steps,
         )  # fmt: skip
-        if status == FULL:
-            steps = enlarged(steps, count)
+        if status == FULL and len(steps.start) >= most:
+            status = TOO_MANY_STEPS
+        elif status == FULL:
+            steps = enlarged(steps, count, most)
     return status, first_steps(steps, 0 if len(samples.tide) else int(clock[3]))
 
 

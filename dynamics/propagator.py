@@ -35,6 +35,7 @@ def propagate(
     margin_s: float = BEYOND_S,
     grid: Trajectory | None = None,
     solid: bool = True,
+    most_steps: int = integrator.MOST_STEPS,
 ) -> Trajectory:
     """Integrate an orbit with its transition matrix and parameter sensitivities.
 
@@ -54,6 +55,7 @@ def propagate(
         passes the error check; otherwise the orbit gets steps of its own. It changes the time taken, and the result by
         rounding.
     solid : whether bodies have surfaces. False: they are points, and an orbit goes on below a surface.
+    most_steps : how many steps it may take; some 17 go to a revolution, and each keeps up to 3 kB.
 
     Raises
     ------
@@ -65,6 +67,8 @@ def propagate(
         If it takes too many steps, or comes to a singularity.
     """
     start, times, low, high = _checked(state_km_km_s, t_s)
+    if not 1 <= most_steps <= integrator.MOST_STEPS:
+        raise InputError(f"most_steps: needs a number from 1 to {integrator.MOST_STEPS} (got {most_steps})")
     if not TIGHTEST <= tolerance <= LOOSEST:
         raise InputError(f"tolerance: needs a number from {TIGHTEST} to {LOOSEST} (got {tolerance})")
     low, high = _span(forces, epoch, min(0.0, low), max(0.0, high), margin_s)
@@ -78,29 +82,30 @@ def propagate(
     physics = forces.physics(epoch)
     guides = _guides(grid, epoch, (low, high), forces, physics)
     legs: list[Steps | None] = [None, None]
+    left = most_steps
     for leg, end_s in enumerate((low, high)):
         if end_s != 0.0:
             fixed = (
                 8, barycentric, physics.strength[None], end_s, window.coefficients, window.layout, window.timing,
                 physics, columns, sensitivities, float(tolerance),
             )  # fmt: skip
-            status, steps = integrator.integrate(*fixed, *guides[leg], NO_SAMPLES)
+            status, steps = integrator.integrate(*fixed, *guides[leg], NO_SAMPLES, left)
             if status == integrator.OFF_GRID:
                 guides = NO_GUIDES
-                status, steps = integrator.integrate(*fixed, *guides[leg], NO_SAMPLES)
-            legs[leg] = steps
+                status, steps = integrator.integrate(*fixed, *guides[leg], NO_SAMPLES, left)
+            legs[leg], left = steps, left - len(steps.start)
             itself = _perturber_itself(forces, steps, barycentric[0], epoch)
             if itself is not None:
                 without = dataclasses.replace(forces, excluded=(*forces.excluded, itself))
                 return propagate(
                     start, epoch, times, without, sensitivities, tolerance=tolerance, margin_s=margin_s, grid=grid,
-                    solid=solid,
+                    solid=solid, most_steps=most_steps,
                 )  # fmt: skip
             if status != integrator.OK:
                 if len(steps.start) and solid:
                     stub = join(legs[0], legs[1], window, 6 + len(columns) if sensitivities else 0)
                     require_no_impact(make_trajectory(epoch, np.zeros(1), forces, stub, chain, False), stub.steps.tide)
-                raise _unfinished(status, forces, epoch, steps, end_s, barycentric[0, :3], tolerance)
+                raise _unfinished(status, forces, epoch, steps, end_s, barycentric[0, :3], tolerance, most_steps)
     nodes = grid._table.nodes if grid is not None and guides is not NO_GUIDES else None
     table = join(legs[0], legs[1], window, 6 + len(columns) if sensitivities else 0, nodes)
     trajectory = make_trajectory(epoch, times, forces, table, chain, sensitivities)
@@ -152,8 +157,9 @@ def _span(forces: ForceModel, epoch: Epoch, low: float, high: float, margin_s: f
 
 
 def _unfinished(
-    status: int, forces: ForceModel, epoch: Epoch, steps: Steps, end_s: float, position_km: Array, tolerance: float
-) -> EventError:
+    status: int, forces: ForceModel, epoch: Epoch, steps: Steps, end_s: float, position_km: Array, tolerance: float,
+    most: int,
+) -> EventError:  # fmt: skip
     """The error for an integration that could not go on: at a singularity, or after too many steps."""
     t, reached = 0.0, 0.0
     if len(steps.start):
@@ -165,7 +171,7 @@ def _unfinished(
     way = f"at {(epoch + reached).iso()} on its way to {(epoch + end_s).iso()}"
     if status == integrator.TOO_MANY_STEPS:
         return EventError(
-            f"the integration gives up {way}, after the {integrator.MOST_STEPS} steps it may take (the last is "
+            f"the integration gives up {way}, after the {most} steps it may take (the last is "
             f"{abs(reached - t):.3g} s long, {where}); ask for a shorter arc, or a tolerance looser than {tolerance:g}"
         )
     return EventError(f"the integration stops {way}: the asteroid is {where}")

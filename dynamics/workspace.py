@@ -165,10 +165,10 @@ def first_steps(steps: Steps, count: int) -> Steps:
     return Steps(*(field[:count] for field in steps))
 
 
-def enlarged(steps: Steps, columns: int) -> Steps:
-    """Room for twice as many steps, with those there are."""
+def enlarged(steps: Steps, columns: int, most: int) -> Steps:
+    """Room for twice as many steps, but not for more than `most`, with those there are."""
     count = len(steps.start)
-    new = make_steps(2 * count, columns)
+    new = make_steps(min(2 * count, most), columns)
     for field, old in zip(new, steps):
         field[:count] = old
     return new

@@ -15,6 +15,7 @@ from nebosvod.dynamics.collision import arrival
 from nebosvod.dynamics.encounter import relative_state
 from nebosvod.dynamics.surface import SURFACE_KM, height_km
 from nebosvod.errors import ImpactError
+from nebosvod.mission.flight import MOST_STEPS
 from nebosvod.timescale import Epoch
 
 Array = npt.NDArray[np.float64]
@@ -47,12 +48,23 @@ def follow(
         If it hits before `needed_s`; says what, when, and how deep.
     """
     try:
-        return propagate(state, epoch, np.array(span_s), forces, sensitivities=sensitivities, grid=grid)
+        return propagate(
+            state, epoch, np.array(span_s), forces, sensitivities=sensitivities, grid=grid, most_steps=MOST_STEPS
+        )
     except ImpactError as hit:
         if hit.t_s <= max(needed_s, 0.0):
             raise
         end = min(hit.t_s + BELOW_S, span_s[1])
-    return propagate(state, epoch, np.array([span_s[0], end]), forces, sensitivities=sensitivities, solid=False)
+    return propagate(
+        state, epoch, np.array([span_s[0], end]), forces, sensitivities=sensitivities, solid=False,
+        most_steps=MOST_STEPS,
+    )  # fmt: skip
+
+
+def carry(state: Array, epoch: Epoch, to: Epoch, forces: ForceModel, sensitivities: bool = False) -> Trajectory:
+    """The orbit from one epoch of a mission to another, which is its only time."""
+    gap = np.array([to - epoch])
+    return propagate(state, epoch, gap, forces, sensitivities=sensitivities, most_steps=MOST_STEPS)
 
 
 def impact(trajectory: Trajectory, body: str) -> Encounter | None:

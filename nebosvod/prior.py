@@ -11,10 +11,11 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from nebosvod.dynamics import ForceModel, propagate
+from nebosvod.dynamics import ForceModel
 from nebosvod.dynamics.elements import cometary_to_state, state_to_cometary
 from nebosvod.errors import InputError
 from nebosvod.estimation import Prior
+from nebosvod.impact import carry
 from nebosvod.mission import Mission
 from nebosvod.mission.model import CovariancePrior
 from nebosvod.mission.places import asking
@@ -127,7 +128,7 @@ def _carried(mission: Mission, joint: CovariancePrior, forces: ForceModel, state
     given = joint.covariance[np.ix_(order, order)]
     gap = mission.reference_epoch - joint.epoch
     start, jacobian = _state_at(mission, joint, forces)
-    along = propagate(start, joint.epoch, np.array([gap]), forces)
+    along = carry(start, joint.epoch, mission.reference_epoch, forces, sensitivities=True)
     transition, sensitivity = along.Phi[0], along.zeta[0]
     others = [p for p in free.values() if p.name not in labels] if gap != 0.0 else []
     diffuse = [p.group for p in others if p.sigma is None]
@@ -157,9 +158,8 @@ def _state_at(mission: Mission, joint: CovariancePrior, forces: ForceModel) -> t
     """The nominal state at the epoch of the prior and the partials (6, 6) of it by what the covariance is about."""
     gm = forces.ephemeris.gm_km3_s2["sun"]
     state = orbit_state(mission, gm)
-    gap = joint.epoch - mission.object.orbit.epoch
-    if gap != 0.0:
-        state = propagate(state, mission.object.orbit.epoch, np.array([gap]), forces, sensitivities=False).state[0]
+    if joint.epoch != mission.object.orbit.epoch:
+        state = carry(state, mission.object.orbit.epoch, joint.epoch, forces).state[0]
     ecliptic = joint.frame == "ecliptic_j2000"
     jacobian = np.eye(6)
     if joint.representation == "cometary":

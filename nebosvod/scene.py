@@ -9,12 +9,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from nebosvod.dynamics import Ephemeris, ForceModel, Nongrav, RadiationPressure, Trajectory, propagate
+from nebosvod.dynamics import Ephemeris, ForceModel, Nongrav, RadiationPressure, Trajectory
 from nebosvod.dynamics.constants import RADIUS_KM
 from nebosvod.dynamics.elements import cometary_to_state, equinoctial_to_state, keplerian_to_state
 from nebosvod.dynamics.frames import R_icrf_from_ecliptic
 from nebosvod.errors import CoverageError, GeometryError, InputError
-from nebosvod.impact import follow
+from nebosvod.impact import carry, follow
 from nebosvod.instruments import nuisance, telescopes
 from nebosvod.logarithmic import LogarithmicForces
 from nebosvod.mission import Mission, Source
@@ -260,10 +260,9 @@ def reference_state(mission: Mission, forces: ForceModel) -> Array:
     """The nominal state (6,) at the reference epoch, carried there from the epoch of the orbit."""
     orbit = mission.object.orbit
     state = orbit_state(mission, forces.ephemeris.gm_km3_s2["sun"])
-    gap = mission.reference_epoch - orbit.epoch
-    if gap == 0.0:
+    if mission.reference_epoch == orbit.epoch:
         return state
-    carried: Array = propagate(state, orbit.epoch, np.array([gap]), forces, sensitivities=False).state[0]
+    carried: Array = carry(state, orbit.epoch, mission.reference_epoch, forces).state[0]
     return carried
 
 

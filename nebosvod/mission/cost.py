@@ -8,6 +8,7 @@ parameter of the orbit to see how far a prediction is from linear, and one for e
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from nebosvod.mission import flight
 from nebosvod.mission.fields import KeyPath
 from nebosvod.mission.model import Mission
 
@@ -21,6 +22,7 @@ _START_S = 2.6  # imports, kernels, report
 _ACCURACY_S, _ACCURACY_ROW_S = 0.15, 150e-6  # curves, requirements, comparison of one prediction; its share by row
 _MOST_ROWS = 2000  # beyond so many those searches are thinned or left out
 _PAGE_S = 0.12  # figures and tables of one prediction
+_STEP_BYTES, _ONE_STEP_S = 20e3, 40e-6  # a step of the integration, with the bodies at its nodes; where it is searched
 _FLIGHT_S, _POINT_S, _ENCOUNTER_S = 3e-3, 0.5e-3, 4.5e-3  # an orbit flown anew, and what is predicted on it
 _HIT_FLIGHT_S, _HIT_S = 12e-3, 25e-3  # the same where it comes down
 _DRAW_S, _DRAW_ROW_S = 0.4e-3, 1e-6  # one Monte Carlo truth, measured, and its share by row
@@ -55,11 +57,12 @@ def estimate_cost(mission: Mission) -> Cost:
     count = len(mission.estimators)
     linear = runs * (_DRAW_S + rows * _DRAW_ROW_S + count * (_STEP_S + rows * _STEP_ROW_S))
     iterated = runs * (1 + count) * (_ITERATED_S + rows * _ITERATED_ROW_S)
-    rest = _START_S + rows * _ROW_S * (1 + count) + _predicting_s(mission, rows, runs)
+    steps = flight.steps(mission)
+    rest = _START_S + 4.0 * steps * _ONE_STEP_S + rows * _ROW_S * (1 + count) + _predicting_s(mission, rows, runs)
     return Cost(
         n_observations=rows,
         n_runs=runs,
-        memory_mb=250.0 + rows * _ROW_BYTES_MEMORY / 1e6 + runs * 1e-3,
+        memory_mb=250.0 + rows * _ROW_BYTES_MEMORY / 1e6 + runs * 1e-3 + steps * _STEP_BYTES / 1e6,
         disk_mb=2.0 + rows * _ROW_BYTES_DISK / 1e6 + runs * 1e-3,
         time_s=rest + linear,
         time_iterated_s=rest + (iterated if runs else linear),
@@ -72,8 +75,8 @@ def _predicting_s(mission: Mission, rows: int, runs: int) -> float:
     kinds = len({tuple(sorted(one.treatment.items())) for one in mission.estimators})
     encounters = sum(hasattr(one, "near") for one in mission.predictions)
     lands = any(one.plane == "entry" for one in mission.predictions)
-    flight, encounter = (_HIT_FLIGHT_S, _HIT_S) if lands else (_FLIGHT_S, _ENCOUNTER_S)
-    orbit = flight + encounters * encounter + (asked - encounters) * _POINT_S
+    flown_s, encounter = (_HIT_FLIGHT_S, _HIT_S) if lands else (_FLIGHT_S, _ENCOUNTER_S)
+    orbit = flight.steps(mission) * _ONE_STEP_S + flown_s + encounters * encounter + (asked - encounters) * _POINT_S
     flown = kinds * 2 * (6 + len(mission.free_parameters)) + min(runs, CLONES_MOST) if asked else 0
     analysis = kinds * (_ACCURACY_S + min(rows, _MOST_ROWS) * _ACCURACY_ROW_S) + _PAGE_S
     return asked * analysis + flown * orbit

@@ -9,7 +9,7 @@ from pydantic import ValidationError
 
 from nebosvod import __version__
 from nebosvod.errors import InputError
-from nebosvod.mission import cost, rules
+from nebosvod.mission import cost, flight, rules
 from nebosvod.mission.builtin import builtin_names, builtin_path
 from nebosvod.mission.explain import Explainer
 from nebosvod.mission.fields import KeyPath
@@ -89,7 +89,8 @@ def _load(file: YamlFile, path: Path | None) -> Mission:
         mission = model.model_validate(tree)
     except ValidationError as error:
         raise _refusal(file, problems + explainer.explain(error)) from None
-    problems += [explainer.problem(*item) for item in (*rules.complaints(mission), *cost.complaints(mission))]
+    wrong = (*rules.complaints(mission), *flight.complaints(mission), *cost.complaints(mission))
+    problems += [explainer.problem(*item) for item in wrong]
     if problems:
         raise _refusal(file, problems)
     mission._path, mission._text, mission._as_read = path, file.text, dict(mission.__dict__)
