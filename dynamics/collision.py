@@ -93,7 +93,7 @@ def _may_reach(trajectory: Trajectory, body: str, ends: Array) -> npt.NDArray[np
     reached = _within_reach(trajectory, body, ends)
     near = np.flatnonzero(reached)
     for some in np.split(near, range(AT_ONCE, near.size, AT_ONCE)):
-        reached[some] = _within_reach(trajectory, body, np.linspace(*ends[:, some], IMPACT_SAMPLES))
+        reached[some] = _within_reach(trajectory, body, np.linspace(ends[0, some], ends[1, some], IMPACT_SAMPLES))
     return reached
 
 

@@ -11,8 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from nebosvod.dynamics.trajectory import Trajectory
-from nebosvod.errors import InputError, OutputError
+from nebosvod.errors import InputError
 from nebosvod.timescale import Epoch
+from nebosvod.wholefile import write_whole
 
 Array = npt.NDArray[np.float64]
 _CREATED = re.compile(r"[0-9]{4}-[0-9]{2}-[0-9]{2}T[0-9]{2}:[0-9]{2}:[0-9]{2}(\.[0-9]+)?")
@@ -63,10 +64,7 @@ def write_oem(
             lines += [f"EPOCH = {stamp}", "COV_REF_FRAME = ICRF"]
             lines += [" ".join(f"{carried[i, j]:.16e}" for j in range(i + 1)) for i in range(6)]
         lines += ["COVARIANCE_STOP"]
-    try:
-        path.write_text("\n".join(lines) + "\n", encoding="ascii")
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be written ({error.strerror or error})") from None
+    write_whole(path, ("\n".join(lines) + "\n").encode("ascii"))
 
 
 def _require_texts(lines: dict[str, str], created: str) -> None:

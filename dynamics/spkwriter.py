@@ -25,7 +25,8 @@ from numpy.polynomial.chebyshev import chebval, chebvander
 
 from nebosvod.dynamics.constants import DAY_S, J2000_JD
 from nebosvod.dynamics.trajectory import Trajectory
-from nebosvod.errors import InputError, OutputError
+from nebosvod.errors import InputError
+from nebosvod.wholefile import whole_file
 
 Array = npt.NDArray[np.float64]
 Piece = tuple[float, float, Array]  # begin and length in TDB seconds since J2000, coefficients (6, 16)
@@ -46,7 +47,7 @@ def write_spk(trajectory: Trajectory, path: Path, target: int, name: str) -> int
     Parameters
     ----------
     trajectory : its whole span is written, heliocentric.
-    path : the file; replaced if it exists.
+    path : the file, which appears whole or not at all; a regular file there is replaced, a link refused.
     target : NAIF number of the object, e.g. 20099942.
     name : segment name, at most 40 ASCII characters.
 
@@ -59,22 +60,19 @@ def write_spk(trajectory: Trajectory, path: Path, target: int, name: str) -> int
         raise InputError(f'SPK segment name "{name}": needs at most 40 ASCII characters')
     pieces = _pieces(trajectory)
     end_of_span = _j2000_s(trajectory) + trajectory.span_s[1]
-    try:
-        with path.open("w+b") as file:
-            file.write(_empty_file(name))
-            file.seek(0)
-            daf = DAF(file)
-            runs = _runs(pieces)
-            for start, length, records in runs:
-                rows = [_record(start + k * length, length, row) for k, row in enumerate(records)]
-                directory = np.array([start, length, float(len(rows[0])), float(len(rows))])
-                end = end_of_span if records is runs[-1][2] else start + length * len(records)
-                summary = (start, end, target, SUN, J2000, TYPE)
-                daf.add_array(name.encode("ascii").ljust(40), summary, np.concatenate([*rows, directory]))
-            file.seek(0, 2)
-            file.write(b"\0" * (-file.tell() % RECORD_BYTES))
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be written ({error.strerror or error})") from None
+    with whole_file(path) as file:
+        file.write(_empty_file(name))
+        file.seek(0)
+        daf = DAF(file)
+        runs = _runs(pieces)
+        for start, length, records in runs:
+            rows = [_record(start + k * length, length, row) for k, row in enumerate(records)]
+            directory = np.array([start, length, float(len(rows[0])), float(len(rows))])
+            end = end_of_span if records is runs[-1][2] else start + length * len(records)
+            summary = (start, end, target, SUN, J2000, TYPE)
+            daf.add_array(name.encode("ascii").ljust(40), summary, np.concatenate([*rows, directory]))
+        file.seek(0, 2)
+        file.write(b"\0" * (-file.tell() % RECORD_BYTES))
     return len(runs)
 
 

@@ -6,17 +6,18 @@ epoch,x_km,y_km,z_km,vx_km_s,vy_km_s,vz_km_s
 
 import csv
 import math
+from array import array
 from pathlib import Path
 
 import numpy as np
 
-from nebosvod.errors import DataError, InputError
+from nebosvod.errors import InputError
 from nebosvod.observation import table
 from nebosvod.observation.tabulated import TabulatedOrbit
+from nebosvod.observation.text_lines import text_lines
 from nebosvod.timescale import Epoch
 
 COLUMNS = ("epoch", "x_km", "y_km", "z_km", "vx_km_s", "vy_km_s", "vz_km_s")
-LARGEST_BYTES = 200_000_000
 
 
 def read_orbit_table(path: Path, origin: str) -> TabulatedOrbit:
@@ -30,40 +31,39 @@ def read_orbit_table(path: Path, origin: str) -> TabulatedOrbit:
     Raises
     ------
     DataError
-        If the file cannot be read.
+        If the file cannot be read, or is no text.
     InputError
         With file and line, if a row cannot be used or times do not ascend.
     """
-    try:
-        if path.stat().st_size > LARGEST_BYTES:
-            raise InputError(f"{path.name}: larger than {LARGEST_BYTES} bytes")
-        lines = path.read_text("utf-8").splitlines()
-    except OSError as error:
-        raise DataError(f"{path}: {error.strerror}") from None
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path.name}: not UTF-8 at byte {error.start}") from None
-    rows = [(n, line) for n, line in enumerate(lines, start=1) if line.strip() and not line.lstrip().startswith("#")]
-    head = [word.strip() for word in rows[0][1].split(",")] if rows else []
-    if tuple(head) != COLUMNS:
-        line = rows[0][0] if rows else 1
-        raise InputError(f'{path.name}:{line}: the first line must be "{",".join(COLUMNS)}"')
-    epochs, states = [], []
-    for number, row in rows[1:]:
-        words = next(csv.reader([row]))
-        try:
-            if len(words) != len(COLUMNS):
-                raise InputError(f"needs {len(COLUMNS)} columns (got {len(words)})")
-            epochs.append(Epoch.parse(words[0].strip()))
-            states.append([_finite(word) for word in words[1:]])
-        except ValueError as error:
-            raise InputError(f"{path.name}:{number}: {error}") from None
-    if len(epochs) < 2:
-        raise InputError(f"{path.name}: needs at least two states (got {len(epochs)})")
-    t_s = np.array([epoch - epochs[0] for epoch in epochs])
-    if np.any(np.diff(t_s) <= 0.0):
-        number = rows[1 + int(np.argmax(np.diff(t_s) <= 0.0)) + 1][0]
-        raise InputError(f"{path.name}:{number}: epochs must ascend")
-    return table(epochs[0], t_s, np.array(states), origin, path.name)
+    with text_lines(path) as lines:
+        rows = ((n, line) for n, line in lines if line.strip() and not line.lstrip().startswith("#"))
+        number, head = next(rows, (1, ""))
+        if tuple(word.strip() for word in head.split(",")) != COLUMNS:
+            raise InputError(f'{path.name}:{number}: the first line must be "{",".join(COLUMNS)}"')
+        first, numbers, before = None, array("d"), -math.inf
+        for number, row in rows:
+            try:
+                epoch, state = _state(row)
+            except ValueError as error:
+                raise InputError(f"{path.name}:{number}: {error}") from None
+            first = first or epoch
+            after = epoch - first
+            if after <= before:
+                raise InputError(f"{path.name}:{number}: epochs must ascend")
+            before = after
+            numbers.extend((after, *state))
+    states = np.array(numbers).reshape(-1, len(COLUMNS))
+    if first is None or len(states) < 2:
+        raise InputError(f"{path.name}: needs at least two states (got {len(states)})")
+    return table(first, states[:, 0].copy(), states[:, 1:].copy(), origin, path.name)
+
+
+def _state(row: str) -> tuple[Epoch, list[float]]:
+    """Epoch and state of a line."""
+    words = next(csv.reader([row]))
+    if len(words) != len(COLUMNS):
+        raise InputError(f"needs {len(COLUMNS)} columns (got {len(words)})")
+    return Epoch.parse(words[0].strip()), [_finite(word) for word in words[1:]]
 
 
 def _finite(word: str) -> float:

@@ -1,6 +1,7 @@
 """CCSDS Orbit Ephemeris Messages in keyword = value notation (CCSDS 502.0-B)."""
 
-from collections.abc import Iterator
+from array import array
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,6 +11,7 @@ from nebosvod.errors import DataError, InputError
 from nebosvod.observation.ccsds_time import SYSTEMS, read_time
 from nebosvod.observation.contracts import Array
 from nebosvod.observation.tabulated import BARYCENTRE, Method, Segment, TabulatedOrbit, usable
+from nebosvod.observation.text_lines import text_lines
 from nebosvod.timescale import Epoch
 
 CENTRES = {
@@ -21,7 +23,6 @@ CENTRES = {
     "MARS BARYCENTER": "mars",
 }
 FRAMES = ("EME2000", "ICRF", "GCRF")
-LARGEST_BYTES = 200_000_000
 MOST_DEGREES = 99
 
 
@@ -49,26 +50,17 @@ def read_oem(path: str | Path) -> Oem:
     Raises
     ------
     DataError
-        If the file cannot be opened.
-    InputError
-        With file and line, for whatever in it cannot be used.
+        If the file cannot be opened; with file and line, for whatever in it cannot be used.
     """
     path = Path(path)
-    try:
-        if path.stat().st_size > LARGEST_BYTES:
-            raise InputError(f"{path}: larger than {LARGEST_BYTES} bytes")
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except OSError as error:
-        raise DataError(f"{path}: {error.strerror}") from None
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: not UTF-8 at byte {error.start}") from None
-    return _Reader(path.name, lines).read()
+    with text_lines(path) as lines:
+        return _Reader(path.name, lines).read()
 
 
 class _Reader:
     """Walks through the lines once; knows where it is, for messages."""
 
-    def __init__(self, name: str, lines: list[str]) -> None:
+    def __init__(self, name: str, lines: Iterator[tuple[int, str]]) -> None:
         self.name, self.number = name, 0
         self.lines = self._meaningful(lines)
         self.epoch: Epoch | None = None
@@ -77,32 +69,31 @@ class _Reader:
         self.segments: list[Segment] = []
         self.covariances: list[OemCovariance] = []
 
-    def _meaningful(self, lines: list[str]) -> Iterator[str]:
-        for number, line in enumerate(lines, start=1):
-            self.number = number
+    def _meaningful(self, lines: Iterator[tuple[int, str]]) -> Iterator[str]:
+        for self.number, line in lines:
             text = line.strip()
             if text and not text.startswith("COMMENT"):
                 yield text
 
-    def wrong(self, what: str) -> InputError:
-        return InputError(f"{self.name}:{self.number}: {what}")
+    def wrong(self, what: str) -> DataError:
+        return DataError(f"{self.name}:{self.number}: {what}")
 
     def read(self) -> Oem:
         head = next(self.lines, "")
         if not head.replace(" ", "").startswith("CCSDS_OEM_VERS="):
             raise self.wrong(f'not an OEM in keyword notation: begins with "{head[:40]}"')
         meta: dict[str, str] = {}
-        rows: list[tuple[float, Array]] = []
+        rows = array("d")  # seconds and state: a list of arrays takes ten times the memory
         for line in self.lines:
             if line == "META_START":
                 self._close(meta, rows)
-                meta, rows = self._meta(), []
+                meta, rows = self._meta(), array("d")
             elif line == "COVARIANCE_START":
                 if not meta:
                     raise self.wrong("COVARIANCE_START stands before any META_START")
                 self._covariance(meta)
             elif meta:
-                rows.append(self._state(line, meta))
+                rows.extend(self._state(line, meta))
         self._close(meta, rows)
         if self.epoch is None or not self.segments:
             raise self.wrong("no states found")
@@ -164,9 +155,9 @@ class _Reader:
             raise self.wrong(f"expected {' or '.join(map(str, allowed))} finite numbers, got {values.size}")
         return values
 
-    def _state(self, line: str, meta: dict[str, str]) -> tuple[float, Array]:
+    def _state(self, line: str, meta: dict[str, str]) -> Iterable[float]:
         words = line.split()
-        return self._seconds(words[0], meta), self._numbers(words[1:], (6, 9))[:6]
+        return (self._seconds(words[0], meta), *self._numbers(words[1:], (6, 9))[:6])
 
     def _covariance(self, meta: dict[str, str]) -> None:
         """Blocks of an EPOCH, an optional frame and the lower triangle, up to COVARIANCE_STOP."""
@@ -194,10 +185,11 @@ class _Reader:
                 epoch, rows, matrix = "", 0, np.zeros((6, 6))
         raise self.wrong("COVARIANCE_STOP is missing")
 
-    def _close(self, meta: dict[str, str], rows: list[tuple[float, Array]]) -> None:
+    def _close(self, meta: dict[str, str], numbers: "array[float]") -> None:
         """Turn the rows read so far into a segment."""
         if not meta:
             return
+        rows = np.array(numbers).reshape(-1, 7)
         if len(rows) < 2:
             raise self.wrong(f"a segment needs at least two states (got {len(rows)})")
         said = meta.get("INTERPOLATION", "HERMITE").upper()
@@ -207,11 +199,11 @@ class _Reader:
             raise self.wrong(f"INTERPOLATION_DEGREE {degree}: allowed 1 to {MOST_DEGREES}")
         start = meta.get("USEABLE_START_TIME", meta["START_TIME"])
         stop = meta.get("USEABLE_STOP_TIME", meta["STOP_TIME"])
-        times = np.array([t for t, _ in rows])
+        times = np.ascontiguousarray(rows[:, 0])
         try:
             segment = Segment(
                 t_s=times,
-                states=np.stack([state for _, state in rows]),
+                states=np.ascontiguousarray(rows[:, 1:]),
                 **usable(self._seconds(start, meta), self._seconds(stop, meta), times),
                 method=method,
                 window=(degree + 1) // 2 if method == "hermite" else degree + 1,

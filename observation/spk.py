@@ -15,7 +15,15 @@ from nebosvod.dynamics.spkfile import read_summaries
 from nebosvod.errors import CoverageError, DataError, InputError
 from nebosvod.observation.contracts import Array, Ephemeris
 from nebosvod.observation.difference_lines import LARGEST_TABLE, DifferenceLines
-from nebosvod.observation.tabulated import BARYCENTRE, Segment, TablePiece, TabulatedOrbit, central_body, usable
+from nebosvod.observation.tabulated import (
+    BARYCENTRE,
+    Segment,
+    TablePiece,
+    TabulatedOrbit,
+    central_body,
+    require_plausible,
+    usable,
+)
 from nebosvod.quantities import bordered
 from nebosvod.timescale import Epoch
 
@@ -74,8 +82,7 @@ class ChebyshevOrbit:
                         _fill(states, segment, epoch.day, day)
         except DAMAGED as error:
             raise DataError(f"{self.path}: damaged SPK file ({error})") from None
-        if np.any(np.isinf(states)):
-            raise DataError(f"{self.path}: damaged SPK file: a state is not finite")
+        require_plausible(str(self.path), states[~np.isnan(states[:, 0])])
         if np.any(np.isnan(states)):
             lost = epoch + float(t_s[np.argmax(np.isnan(states[:, 0]))])
             raise CoverageError(f"{self.source}: no state at {lost.iso(digits=0)}")

@@ -5,7 +5,7 @@ from typing import Literal, Protocol
 
 import numpy as np
 
-from nebosvod.errors import CoverageError, InputError
+from nebosvod.errors import CoverageError, DataError, InputError
 from nebosvod.observation.contracts import Array, Ephemeris
 from nebosvod.observation.interpolation import hermite, lagrange
 from nebosvod.observation.term import Rows
@@ -16,6 +16,7 @@ Method = Literal["hermite", "lagrange"]
 BARYCENTRE = "barycentre"
 LATEST_S = 3e11  # ten thousand years
 LARGEST = 1e13  # km, a light year; no speed in km/s is so large either
+FARTHEST_KM, FASTEST_KM_S = 6.4e9, 3e5  # of a telescope: an object is followed for the light time of 43 au
 
 
 class TablePiece(Protocol):
@@ -113,8 +114,8 @@ class TabulatedOrbit:
 
         Raises
         ------
-        CoverageError, InputError
-            If a time lies in no segment; if the numbers of the table are too large to interpolate.
+        CoverageError, DataError
+            If a time lies in no segment; if a state is none of a spacecraft, as in a damaged file.
         """
         local = t_s + (epoch - self.epoch)
         which = self._choose(local)
@@ -123,8 +124,7 @@ class TabulatedOrbit:
             mine = which == number
             with np.errstate(over="ignore", invalid="ignore"):
                 states[mine] = self.segments[number].evaluate(local[mine])
-            if not np.isfinite(states[mine]).all():
-                raise InputError(f"{self.source}: a state is not finite; the file is damaged")
+            require_plausible(self.source, states[mine])
             origin = self.origins[number] if self.origins else self.origin
             if origin != BARYCENTRE:
                 states[mine] += ephemeris.state_km_km_s(origin, epoch, t_s[mine])
@@ -143,6 +143,20 @@ class TabulatedOrbit:
             )
             raise CoverageError(f"{self.source}: no state at {lost.iso(digits=0)} (covers {spans})")
         return which
+
+
+def require_plausible(source: str, states: Array) -> None:
+    """Raise DataError, with the file, if a state (n, 6) about the table's origin is none that a telescope can have."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        distance, speed = (np.linalg.norm(states[:, part], axis=1) for part in (slice(3), slice(3, 6)))
+    wrong = ~((distance < FARTHEST_KM) & (speed < FASTEST_KM_S))
+    if np.any(wrong):
+        k = int(np.argmax(wrong))
+        text = f"a state of {distance[k]:.3g} km and {speed[k]:.3g} km/s"
+        raise DataError(
+            f"{source}: {text}, which no telescope has (allowed up to {FARTHEST_KM:g} km, {FASTEST_KM_S:g} km/s); "
+            "the file is damaged, copy it again"
+        )
 
 
 def usable(start_s: float, end_s: float, t_s: Array) -> dict[str, float]:

@@ -10,7 +10,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
 STAGES = ("dynamics", "observation", "estimation", "nebosvod")
-LEAVES = ("nebosvod.errors", "nebosvod.timescale", "nebosvod.quantities")
+LEAVES = ("nebosvod.errors", "nebosvod.timescale", "nebosvod.quantities", "nebosvod.wholefile")
 MAY_IMPORT = {
     "dynamics": {"dynamics"},
     "observation": {"dynamics", "observation"},
@@ -69,7 +69,7 @@ def test_imports_go_one_way_from_left_to_right(path: Path) -> None:
         assert leaf or name == "nebosvod" or stage_of(name) in MAY_IMPORT[stage], f"{path} imports {name}"
 
 
-@pytest.mark.parametrize("leaf", ["errors", "timescale", "quantities"])
+@pytest.mark.parametrize("leaf", ["errors", "timescale", "quantities", "wholefile"])
 def test_leaves_import_no_stage(leaf: str) -> None:
     known = {name for name in imported_names(ROOT / "nebosvod" / f"{leaf}.py") if name.split(".")[1] != leaf}
     assert {".".join(name.split(".")[:2]) for name in known} <= {*LEAVES}

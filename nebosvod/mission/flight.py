@@ -40,14 +40,16 @@ def flights_s(mission: Mission) -> tuple[float, float]:
     asked = [epoch for path, epoch in mission.epochs() if path != ("object", "orbit", "epoch")]
     first, last = ephemeris_span(mission.force_model.asteroids)
     asked += [min(max(prediction.when, first), last) for prediction in mission.predictions]
+    asked = asked or [mission.reference_epoch]
     return abs(mission.reference_epoch - mission.object.orbit.epoch), max(asked) - min(asked)
 
 
 def steps(mission: Mission) -> float:
     """About how many steps of the integration the longer flight takes, from its revolutions."""
-    a = size_km(mission.object.orbit)[1]
+    q, a = size_km(mission.object.orbit)
     period = 2.0 * math.pi * math.sqrt(a / GM_SUN_KM3_S2) * a
-    return STEPS_EACH * max(flights_s(mission)) / period
+    around = max(flights_s(mission)) / period
+    return STEPS_EACH * (around if q >= SUN_RADIUS_KM else min(around, 1.0))  # else the first perihelion ends it
 
 
 def complaints(mission: Mission) -> Iterator[tuple[KeyPath, str]]:

@@ -116,7 +116,10 @@ def residuals(run: RunFolder, estimator: Item) -> Plate | None:
     after = after / ARCSEC
     sigma = None if sigma is None else sigma / ARCSEC
     seen = [i for i in range(len(run.telescopes)) if np.any(index == i)]
-    reach = float(np.nanmax(np.abs(after))) * 1.04 or 1.0
+    known = np.abs(after[np.isfinite(after)])
+    if not known.size:
+        return None
+    reach = float(known.max()) * 1.04 or 1.0
     unit, factor = ("mas", 1e3) if reach < 0.1 else ("arcsec", 1.0)
     y = linear([-factor * reach, factor * reach], f"residual, {unit}", pad=0.0, most=4)
     dates = calendar(run.epoch, t, most=2.6)

@@ -296,7 +296,7 @@ def test_what_a_fit_asks_outside_the_ephemeris_is_named_by_its_place(
     assert place_of(text, "2061-01-01", "fit.epoch") + "epoch 2061" in fails(tmp_path, text, 2, capsys, "fit")
     text = FIT + "  spacecraft: {C57: {kind: oem, file: none.oem}}\n"
     (tmp_path / "none.oem").write_text("nothing")
-    assert place_of(text, "C57", "fit.spacecraft.C57") in fails(tmp_path, text, 2, capsys, "fit")
+    assert place_of(text, "C57", "fit.spacecraft.C57") in fails(tmp_path, text, 3, capsys, "fit")
     text = FIT + "  weights: none.oem\n"
     assert place_of(text, "none.oem", "fit.weights") in fails(tmp_path, text, 2, capsys, "fit")
     late = (tmp_path / "made.obs80").read_text().replace("C2024", "C2061")

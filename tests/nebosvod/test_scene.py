@@ -127,7 +127,7 @@ def test_a_table_that_ends_too_soon_says_what_it_covers(tmp_path: Path, minimal:
 def test_files_that_are_no_orbits_are_refused(tmp_path: Path, minimal: Mission) -> None:
     with pytest.raises(DataError, match="not an SPK file, or a damaged one"):
         build_scene(with_file(tmp_path, minimal, "{kind: spk, file: a.bsp}", "a.bsp", "no kernel"))
-    with pytest.raises(InputError, match="not an OEM in keyword notation"):
+    with pytest.raises(DataError, match="not an OEM in keyword notation"):
         build_scene(with_file(tmp_path, minimal, "{kind: oem, file: a.oem}", "a.oem", "no message"))
     orbit = "{kind: ground, code: X05, file: codes.json, extrapolate: true}"
     with pytest.raises(InputError, match=r"codes\.json: has no usable entry X05"):

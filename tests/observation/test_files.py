@@ -626,7 +626,7 @@ class TestOem:
         ],
     )
     def test_what_cannot_be_used_is_named_with_its_line(self, tmp_path, old, new, words):
-        with pytest.raises(InputError, match=words):
+        with pytest.raises(DataError, match=words):
             read_oem(self.write(tmp_path, oem_text().replace(old, new)))
 
     @pytest.mark.parametrize(
@@ -692,7 +692,7 @@ class TestOem:
             (f"COVARIANCE_START\n{first}EPOCH = 2028-11-15T01:00:00\n1e-3\nCOVARIANCE_STOP\n", "has 1 rows, not 6"),
             (f"COVARIANCE_START\n{first}", "COVARIANCE_STOP is missing"),
         ):
-            with pytest.raises(InputError, match=words):
+            with pytest.raises(DataError, match=words):
                 read_oem(self.write(tmp_path, oem_text() + wrong))
 
     def test_a_missing_file_is_named(self, tmp_path):
