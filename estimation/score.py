@@ -25,6 +25,7 @@ TRIMS = 4
 FEW = 8  # measurements, below which none is trimmed
 FEW_FREE = 20  # degrees of freedom, below which the scatter of the residuals may enlarge a variance, never lessen it
 CLUSTERS = 10  # fewer do not tell a variance
+CLEAR = 1e-4  # pivot of scaled information, below which it may be singular
 UNSEEN = 1e-9  # of its information that the other parameters leave to one: it cannot be told from them
 
 
@@ -102,85 +103,110 @@ def score_test(
     """
     trusting = everyone or inside.mean() <= 0.5  # else gross errors would lead
     used = np.ones(len(q), dtype=np.bool_) if trusting else inside.copy()
-    found = _solved(q, B, G, information, slope, inside, used)
+    rows = np.concatenate([B, G, q[:, :, None]], axis=2)
+    without = _gram(rows[inside])  # of what the estimate is made of already
+    others = information - without[: len(slope), : len(slope)], slope - without[: len(slope), -1]
+    found = _solved(rows, *others, used)
     middle = float(np.sqrt(chdtri(q.shape[1], 0.5)))
     for _ in range(TRIMS if len(q) >= FEW else 0):
         if found is None:
             return None
-        size = np.linalg.norm(found[2], axis=1)
+        size = np.sqrt(np.sum(found.left**2, axis=1))
         kept = size <= TRIMMED * max(float(np.median(size[used])), 1e-300) / middle
         if np.array_equal(kept, used) or kept.sum() <= len(q) // 2:
             break
         used = kept
-        found = _solved(q, B, G, information, slope, inside, used)
-    if found is None:
+        found = _solved(rows, *others, used)
+    return None if found is None else _judged(found, B[used], G[used], cluster[used], used)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Solved:
+    """Estimate (k,), M (k, k), P = N_xx^-1 N_xc (s, k) and what is left of the residuals (m, p)."""
+
+    estimate: Array
+    M: Array
+    P: Array
+    left: Array
+
+
+def _solved(rows: Array, information: Array, slope: Array, used: Flags) -> _Solved | None:
+    """Solve for the new parameters; None where M is singular.
+
+    Parameters
+    ----------
+    rows : shape (m, p, s + k + 1), [B | G | q].
+    information, slope : of all measurements but these m.
+    """
+    s = len(slope)
+    whole = _gram(rows if used.all() else rows[used])
+    N = information + whole[:s, :s]
+    N_cc, size = whole[s:-1, s:-1], np.sqrt(np.diag(whole)[s:-1])
+    if not (np.diag(N) > 0.0).all() or not (size > 0.0).all():
         return None
-    estimate, M, left, Z = found
-    k, m = len(estimate), int(used.sum())
-    freedom = q.shape[1] * m - k
-    pull = _pull(M, Z[used])  # a scatter is that of the measurements the answer rests on
-    size = np.sum(left[used] ** 2, axis=1)
-    scatter = float(m * (pull @ size) / pull.sum()) / freedom if freedom > 0 else 1.0
-    _, which = np.unique(cluster[used], return_inverse=True)
-    shares = np.bincount(which.ravel(), pull)
+    taken = _divided(N, np.column_stack([whole[:s, s:-1], slope + whole[:s, -1]]))
+    P, p = taken[:, :-1], taken[:, -1]
+    M = N_cc - whole[s:-1, :s] @ P
+    if np.linalg.eigvalsh(M / np.outer(size, size))[0] < UNSEEN:
+        return None
+    estimate = np.asarray(np.linalg.solve(M, whole[s:-1, -1] - P.T @ (slope + whole[:s, -1])), dtype=np.float64)
+    return _Solved(estimate=estimate, M=M, P=P, left=rows @ np.concatenate([P @ estimate - p, -estimate, [1.0]]))
+
+
+def _judged(found: _Solved, B: Array, G: Array, cluster: Rows, used: Flags) -> Score:
+    """The score by the scatter of what is left, of measurements and of clusters."""
+    estimate, M, left = found.estimate, found.M, found.left[used]
+    Z = G - B @ found.P
+    k, (m, p) = len(estimate), left.shape
+    freedom = p * m - k
+    pull = _pull(M, Z)  # a scatter is that of the measurements the answer rests on
+    scatter = float(m * (pull @ np.sum(left**2, axis=1)) / pull.sum()) / freedom if freedom > 0 else 1.0
+    which = np.unique(cluster, return_inverse=True)[1].ravel()
+    shares = np.bincount(which, pull)
     by_cluster = shares.sum() ** 2 / np.sum(shares**2) >= max(CLUSTERS, k) and len(shares) >= 2 * k
     sure = freedom >= FEW_FREE and by_cluster
     covariance = np.linalg.solve(M, np.eye(k)) * (scatter if sure else max(scatter, 1.0))
-    explained = float(estimate @ M @ estimate)
     statistic = float(estimate @ np.linalg.solve(covariance, estimate))
     if by_cluster:
-        wide = _clustered(M, Z[used], left[used], which.ravel(), len(shares))
+        wide = _clustered(M, Z, left, which, len(shares))
         apart = float(estimate @ np.linalg.solve(wide, estimate))
         if apart < statistic:
             covariance, statistic = wide, apart
+    explained = float(estimate @ M @ estimate)
     return Score(
         estimate=estimate, covariance=covariance, statistic=statistic, explained=explained, used=used, scatter=scatter
     )
 
 
-def _solved(
-    q: Array, B: Array, G: Array, information: Array, slope: Array, inside: Flags, used: Flags
-) -> tuple[Array, Array, Array, Array] | None:
-    """Estimate (k,), M (k, k), what is left of the residuals (m, p) and Z (m, p, k); None where M is singular."""
-    more, less = used & ~inside, inside & ~used
-    N = information + _square(B[more], B[more]) - _square(B[less], B[less])
-    g = slope + _slope(B[more], q[more]) - _slope(B[less], q[less])
-    N_cx = _square(G[used], B[used])
-    N_cc = _square(G[used], G[used])
+def _divided(N: Array, right: Array) -> Array:
+    """N^-1 right, of least length where N (s, s) is singular."""
     scale = np.sqrt(np.diag(N))
-    if not (scale > 0.0).all() or not (np.diag(N_cc) > 0.0).all():
-        return None
-    P = np.linalg.lstsq(N / np.outer(scale, scale), (N_cx / scale).T, rcond=1e-13)[0] / scale[:, None]
-    M = N_cc - N_cx @ P
-    size = np.sqrt(np.diag(N_cc))
-    if np.linalg.eigvalsh(M / np.outer(size, size))[0] < UNSEEN:
-        return None
-    estimate = np.linalg.solve(M, _slope(G[used], q[used]) - P.T @ g)
-    shift = np.linalg.lstsq(N / np.outer(scale, scale), (g - N_cx.T @ estimate) / scale, rcond=1e-13)[0] / scale
-    left = q - G @ estimate - B @ shift
-    return estimate, M, left, G - B @ P
+    one, many = N / np.outer(scale, scale), right / scale[:, None]
+    try:
+        clear = np.diag(np.linalg.cholesky(one)).min() > CLEAR
+    except np.linalg.LinAlgError:
+        clear = False
+    found = np.linalg.solve(one, many) if clear else np.linalg.lstsq(one, many, rcond=1e-13)[0]
+    return np.asarray(found / scale[:, None])
 
 
 def _pull(M: Array, Z: Array) -> Array:
     """How much of the answer rests on each measurement (m,): traces of Z M^-1 Z^T, in any units of the parameters."""
     size = np.sqrt(np.diag(M))
-    own = np.linalg.solve(M / np.outer(size, size), (Z / size).reshape(-1, len(M)).T).T.reshape(Z.shape)
-    return np.asarray(np.sum(own * (Z / size), axis=(1, 2)), dtype=np.float64)
+    scaled = (Z / size).reshape(-1, len(M))
+    own = np.linalg.solve(M / np.outer(size, size), scaled.T).T
+    return np.asarray(np.sum((own * scaled).reshape(len(Z), -1), axis=1), dtype=np.float64)
 
 
 def _clustered(M: Array, Z: Array, left: Array, which: Rows, counted: int) -> Array:
     """The covariance (k, k) that the scatter of the clusters gives."""
-    u = np.zeros((counted, len(M)))
-    np.add.at(u, which, np.einsum("mpk,mp->mk", Z, left))
+    own = (Z * left[:, :, None]).sum(axis=1)
+    u = np.column_stack([np.bincount(which, own[:, j], counted) for j in range(len(M))])
     half = np.linalg.solve(M, u.T)
     return np.asarray(half @ half.T * (counted / (counted - len(M))), dtype=np.float64)
 
 
-def _square(first: Array, second: Array) -> Array:
-    """Sum over measurements of first^T second."""
-    return np.tensordot(first, second, axes=([0, 1], [0, 1]))
-
-
-def _slope(first: Array, q: Array) -> Array:
-    """Sum over measurements of first^T q."""
-    return np.tensordot(first, q, axes=([0, 1], [0, 1]))
+def _gram(rows: Array) -> Array:
+    """Sums over measurements of all products of the columns of rows (m, p, n): (n, n)."""
+    flat = rows.reshape(-1, rows.shape[2])
+    return np.asarray(flat.T @ flat)

@@ -77,12 +77,14 @@ def state_rows(scene: Scene, fit: Fit, worlds: Worlds) -> list[dict[str, Any]]:
     """The `budget` of one estimator: each source's part of the state, largest share of position first."""
     whole = worlds.now.predict(np.eye(6), STATE_NAMES)
     others = [name for name in worlds.now.names if name not in STATE_NAMES]
-    own = worlds.now.predict(np.eye(len(others)), others) if others else None
+    own = _parts(worlds.now.predict(np.eye(len(others)), others)) if others else None
+    own_total = np.sum(list(own.values()), axis=0) if own else np.zeros(0)
     total = _state_sigmas(_variances(whole))
     behind = telescopes_of(scene)
+    parts = _parts(whole)
     rows = []
-    for source, factor in whole.factors.items():
-        part = _state_sigmas(np.sum(factor**2, axis=1))
+    for source, alone in parts.items():
+        part = _state_sigmas(alone)
         row: dict[str, Any] = {
             "estimator": fit.estimator.name,
             "source": source,
@@ -90,11 +92,11 @@ def state_rows(scene: Scene, fit: Fit, worlds: Worlds) -> list[dict[str, Any]]:
             **part,
             "share_position": _share(part["sigma_position_km"], total["sigma_position_km"]),
             "share_velocity": _share(part["sigma_velocity_m_s"], total["sigma_velocity_m_s"]),
-            "share_parameters": {} if own is None else _component_shares(own, source, others),
+            "share_parameters": {} if own is None else _component_shares(own[source], own_total, others),
         }
         for remedy, size in REMEDIES.items():
             row[remedy] = _both(
-                _state_sigmas(_same_gain(whole, source, size)),
+                _state_sigmas(_same_gain(parts, source, size)),
                 _new_gain(worlds, remedy, source, np.eye(6), STATE_NAMES, _state_sigmas),
             )
         row[UNKNOWN] = _unknown(worlds, source, np.eye(6), STATE_NAMES, _state_sigmas, tuple(part))
@@ -115,9 +117,9 @@ def prediction_rows(scene: Scene, worlds: Worlds, asked: Quantity) -> list[dict[
             f"sigma_total_{unit}": float(np.sqrt(variances.sum())),
         }
 
+    parts = _parts(whole)
     rows = []
-    for source, factor in whole.factors.items():
-        part = np.sum(factor**2, axis=1)
+    for source, part in parts.items():
         row: dict[str, Any] = {
             "source": source,
             "telescopes": list(behind.get(source, ())),
@@ -126,24 +128,27 @@ def prediction_rows(scene: Scene, worlds: Worlds, asked: Quantity) -> list[dict[
             **sigmas(part),
         }
         for remedy, size in REMEDIES.items():
-            same = sigmas(_same_gain(whole, source, size))
+            same = sigmas(_same_gain(parts, source, size))
             row[remedy] = _both(same, _new_gain(worlds, remedy, source, W, names, sigmas))
         row[UNKNOWN] = _unknown(worlds, source, W, names, sigmas, tuple(sigmas(part)))
         rows.append(row)
     return sorted(rows, key=lambda row: -row["share_total"])
 
 
+def _parts(whole: Prediction) -> dict[str, Array]:
+    """The part (d,) of each source in the variance of each component."""
+    return {source: np.sum(factor**2, axis=1) for source, factor in whole.factors.items()}
+
+
 def _variances(whole: Prediction) -> Array:
     """Variance (d,) of each component."""
-    parts = np.array([np.sum(G**2, axis=1) for G in whole.factors.values()])
-    total: Array = parts.sum(axis=0)
+    total: Array = np.array(list(_parts(whole).values())).sum(axis=0)
     return total
 
 
-def _same_gain(whole: Prediction, source: str, size: float) -> Array:
+def _same_gain(parts: Mapping[str, Array], source: str, size: float) -> Array:
     """Variances (d,) when one source errs `size` times as much and nothing else changes: a sum, no difference."""
-    parts = [(size if name == source else 1.0) ** 2 * np.sum(G**2, axis=1) for name, G in whole.factors.items()]
-    total: Array = np.array(parts).sum(axis=0)
+    total: Array = np.array([(size if name == source else 1.0) ** 2 * part for name, part in parts.items()]).sum(axis=0)
     return total
 
 
@@ -185,7 +190,6 @@ def _share(part: float, whole: float) -> float:
     return (part / whole) ** 2 if whole > 0.0 else 0.0
 
 
-def _component_shares(own: Prediction, source: str, names: Sequence[str]) -> dict[str, float]:
+def _component_shares(part: Array, total: Array, names: Sequence[str]) -> dict[str, float]:
     """Share of a source in the variance of each parameter beside the state."""
-    part, total = np.sum(own.factors[source] ** 2, axis=1), _variances(own)
     return {name: float(one / all_) if all_ > 0.0 else 0.0 for name, one, all_ in zip(names, part, total)}

@@ -104,10 +104,11 @@ def answer(found: OrbitFit) -> Answer:
 
 def _reached(mission: FitMission, trajectory: Trajectory) -> tuple[list[float | None], list[dict[str, Any]]]:
     """Times, s, of the epoch of the answer and of the others, None where the orbit has ended or none is named; why."""
-    epoch, hit = mission.reference_epoch, what_it_hits(trajectory)
+    asked = (mission.fit.epoch, *mission.fit.epochs)
+    epoch, hit = mission.reference_epoch, what_it_hits(trajectory) if any(when is not None for when in asked) else None
     times: list[float | None] = []
     rows = []
-    for when in (mission.fit.epoch, *mission.fit.epochs):
+    for when in asked:
         if when is None or hit is None or when < hit.epoch:
             times.append(None if when is None else when - epoch)
             continue

@@ -5,7 +5,7 @@ it weighs as one record of the size of its error, and the selection is made anew
 common bias had outvoted come back by themselves.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,13 +21,16 @@ from nebosvod.fit.missing_force import MissingForce, foremost, missing_forces
 from nebosvod.fit.selection import Selected, select
 from nebosvod.fit.shared_errors import (
     PAUSE_S,
+    Asked,
     Footing,
     Records,
     SharedError,
     blame,
-    examined,
+    groups,
     inflation,
+    judged,
     shared_errors,
+    tests,
 )
 from nebosvod.fit.sky import Sky
 
@@ -83,7 +86,9 @@ class Course:
 
     def reselected(self, wide: Sky, start: Correction, chosen: Flags) -> Selected:
         """Fit and select anew from an earlier correction."""
-        return select(wide, start.x, self.forces, self.thresholds, selected=chosen, prior=self.prior, limit=self.limit)
+        return select(
+            wide, start.x, self.forces, self.thresholds, selected=chosen, prior=self.prior, near=start, limit=self.limit
+        )  # fmt: skip
 
 
 def convinced(course: Course, sky: Sky, wide: Sky, lean: Selected) -> Led:
@@ -108,14 +113,13 @@ def convinced(course: Course, sky: Sky, wide: Sky, lean: Selected) -> Led:
     force = foremost(forces)
     beside = None
     if force is not None:
-        stations = shared_errors(Footing.of(wide, lean.correction, lean.selected, course.records), course.records)
+        footing = Footing.of(wide, lean.correction, lean.selected, course.records)
+        stations = shared_errors(footing, course.records, Asked(groups(sky.t_s, course.records)))
         beside = force.column[:, :, None] if not stations or force.merit > stations[0].merit else None
     found = led(course, now, beside)
     if found.lean is lean or found.lean.correction.S is None:
         return replace(found, forces=forces)
-    aside = np.zeros(len(sky), dtype=np.bool_)
-    for one in found.errors:
-        aside[one.rows] = True
+    aside = _marked(len(sky), found.errors)
     again = missing_forces(found.wide, found.lean.correction, found.lean.selected, course.forces, course.records, aside)
     return replace(found, forces=again)
 
@@ -129,11 +133,13 @@ def led(course: Course, now: Led, beside: Array | None = None) -> Led:
     """
     original = now.wide
     held: list[SharedError] = []
+    asked = Asked(groups(original.t_s, course.records))
     for _ in range(ROUNDS):
         start, chosen = _restored(course, now.wide, now.lean)
         if start.S is None:
             return now
-        fresh = _fresh(shared_errors(Footing.of(now.wide, start, chosen, course.records, beside), course.records), held)
+        footing = Footing.of(now.wide, start, chosen, course.records, beside)
+        fresh = _fresh(shared_errors(footing, course.records, asked, _marked(len(original), held)))
         held += fresh
         if not fresh or course.treatment == "told":
             break
@@ -143,9 +149,9 @@ def led(course: Course, now: Led, beside: Array | None = None) -> Led:
     return _settled(course, now, original, held, beside)
 
 
-def _fresh(found: list[SharedError], held: list[SharedError]) -> list[SharedError]:
-    """The foremost of those that have not lost weight yet, and those nearly as sure, each record once."""
-    taken = {int(row) for one in held for row in one.rows}
+def _fresh(found: list[SharedError]) -> list[SharedError]:
+    """The foremost, and those nearly as sure, each record once."""
+    taken: set[int] = set()
     chosen: list[SharedError] = []
     for one in found:
         if chosen and blame(one) < TOGETHER * blame(chosen[0]):
@@ -155,6 +161,14 @@ def _fresh(found: list[SharedError], held: list[SharedError]) -> list[SharedErro
             chosen.append(one)
             taken |= rows
     return chosen
+
+
+def _marked(n: int, errors: Iterable[SharedError]) -> Flags:
+    """Which of n records belong to any of these."""
+    marked = np.zeros(n, dtype=np.bool_)
+    for one in errors:
+        marked[one.rows] = True
+    return marked
 
 
 def _lighter(course: Course, held: list[SharedError], original: Sky, start: Correction, chosen: Flags) -> Led:
@@ -190,7 +204,8 @@ def _settled(course: Course, now: Led, original: Sky, held: list[SharedError], b
             slope=footing.slope - np.tensordot(mine, footing.q[inside], axes=([0, 1], [0, 1])),
             selected=apart.selected & ~inside,
         )
-        again = examined(without, one.station, one.rows, course.records.night[one.rows], one.whole, FREED)
+        tested = tests(without, one.rows, course.records.night[one.rows])
+        again = judged(without, one.station, one.rows, one.whole, tested, FREED)
         if again is None:
             changed = True
             continue

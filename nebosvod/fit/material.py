@@ -211,12 +211,10 @@ def _telescopes(
     names = tuple(dict.fromkeys(places.telescope.tolist()))
     number = {name: k for k, name in enumerate(names)}
     index = np.array([number[name] for name in places.telescope.tolist()], dtype=np.int64)
+    count = np.bincount(index, minlength=len(names))
+    mean = np.column_stack([np.bincount(index, sigma[:, k] ** 2, len(names)) for k in range(2)]) / count[:, None]
     made = tuple(
-        Telescope(
-            name=name,
-            spacecraft=places.spacecraft[name],
-            sigma_rad=np.sqrt(np.mean(sigma[index == k] ** 2, axis=0)),
-        )
+        Telescope(name=name, spacecraft=places.spacecraft[name], sigma_rad=np.sqrt(mean[k]))
         for k, name in enumerate(names)
     )
     return names, made, index

@@ -111,7 +111,7 @@ def partials(sky: Sky, found: Correction, forces: ForceModel, names: Sequence[st
     """Directions (n, 2, m) by forces at zero, rad per au/d^2, on the orbit of a correction."""
     model = forces.with_values(dict(zip(forces.parameters, found.x[6:].tolist()))) if forces.parameters else forces
     model = replace(model, nongrav=model.nongrav or Nongrav(), parameters=tuple(names))
-    trajectory = propagate(found.state, sky.epoch, sky.span_s, model)
+    trajectory = propagate(found.state, sky.epoch, sky.span_s, model, grid=found.trajectory)
     return look(trajectory, sky, found.seen.tau).H[:, :, 6:]
 
 

@@ -41,6 +41,7 @@ def select(
     *,
     selected: Flags | None = None,
     prior: Knowledge | None = None,
+    near: Correction | None = None,
     limit: int = LIMIT,
 ) -> Selected:
     """Fit with rejection and recovery of observations.
@@ -50,6 +51,7 @@ def select(
     x : shape (6 + m,), start.
     thresholds : None keeps every observation.
     selected : shape (n,), which count at first; all by default.
+    near : an earlier correction of the same directions, whose steps and light times are used again.
 
     Notes
     -----
@@ -60,7 +62,7 @@ def select(
     least = min(len(sky), len(x) // 2 + 1)
     history: list[Flags] = []
     held = np.zeros(len(sky), dtype=bool)
-    found = correct(sky, x, forces, selected=chosen, prior=prior, limit=limit)
+    found = correct(sky, x, forces, selected=chosen, prior=prior, near=near, limit=limit)
     chi2 = judged(sky, found, chosen)
     while thresholds is not None and found.S is not None and len(history) < ROUNDS:
         latest = reselect(chi2, chosen, thresholds, least, held)

@@ -5,7 +5,7 @@ thousand of them outvote better data, which then look like gross errors. Every s
 without a pause of `PAUSE_S`), is asked on the converged fit whether a shared error would explain its residuals.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +14,7 @@ import numpy.typing as npt
 from nebosvod.errors import counted
 from nebosvod.estimation.score import Score, score_test
 from nebosvod.fit.correction import Correction
+from nebosvod.fit.screening import Groups, promising
 from nebosvod.fit.sky import Sky
 from nebosvod.timescale import SECONDS_PER_DAY
 
@@ -27,8 +28,8 @@ LEAST = 3  # records that share an error
 CYCLES = (3, 10, 30)  # of the wander over the span of the records, each tried
 PARTS = 64  # of the span, whose means tell whether to look for a wander
 BESIDE = {"drift": slice(2, 4), "wander": slice(4, None)}  # what a kind adds to those before it
-PROMISING = 12.0  # of the statistic by selected records alone, below which the full test is spared
 MANY = 48  # records, from which a wander is looked for whatever the slopes say
+CALM = 0.5  # of the way to `SURE` that residuals may move before a quiet group is asked again
 DESERTED = 0.3  # of the records rejected: the full test is made whatever the selected say
 
 
@@ -148,14 +149,52 @@ class Footing:
         )
 
 
-def shared_errors(footing: Footing, records: Records) -> list[SharedError]:
-    """Every station and visit whose records share an error with more than `SURE` sigmas, the foremost first."""
+@dataclass(slots=True, kw_only=True, eq=False)
+class _Quiet:
+    """A group that had nothing to say: residuals and selection then, and how far the former may move till it may."""
+
+    q: Array
+    selected: Flags
+    margin: float
+
+
+class Asked:
+    """The groups of a fit, and of those that were quiet in an earlier round what they said."""
+
+    def __init__(self, found: Iterable[tuple[str, Rows, bool]]) -> None:
+        self.groups = list(found)
+        self.quiet: dict[int, _Quiet] = {}
+
+    def unchanged(self, number: int, footing: Footing) -> bool:
+        """Whether a group is as quiet as before: a statistic's root moves by no more than its whitened residuals."""
+        before, rows = self.quiet.get(number), self.groups[number][1]
+        return (
+            before is not None
+            and np.array_equal(before.selected, footing.selected[rows])
+            and float(np.linalg.norm(before.q - footing.q[rows])) < before.margin
+        )
+
+
+def shared_errors(footing: Footing, records: Records, asked: Asked, aside: Flags | None = None) -> list[SharedError]:
+    """Every station and visit whose records share an error with more than `SURE` sigmas, the foremost first.
+
+    Parameters
+    ----------
+    asked : the groups of the same records; remembers which were quiet.
+    aside : (n,) records whose groups need not be asked.
+    """
+    numbers = [k for k, (_, rows, _) in enumerate(asked.groups) if aside is None or not aside[rows].any()]
     found = []
-    for code, rows, whole in groups(footing.t_s, records):
-        if not _promising(footing, rows):
+    for k, worth in zip(numbers, _promising(footing, records, [asked.groups[k][1] for k in numbers])):
+        if not worth or asked.unchanged(k, footing):
             continue
-        one = examined(footing, code, rows, records.night[rows], whole)
-        if one is not None:
+        code, rows, whole = asked.groups[k]
+        tested = tests(footing, rows, records.night[rows])
+        one = judged(footing, code, rows, whole, tested)
+        if one is None:
+            margin = CALM * (SURE - tested.surest) * np.sqrt(min(tested.scatter, 1.0))
+            asked.quiet[k] = _Quiet(q=footing.q[rows], selected=footing.selected[rows], margin=margin)
+        else:
             found.append(one)
     return sorted(found, key=lambda one: -blame(one))
 
@@ -185,41 +224,62 @@ def groups(t_s: Array, records: Records) -> Iterator[tuple[str, Rows, bool]]:
             yield from ((code, visit, False) for visit in visits if len(visit) >= LEAST)
 
 
-def _promising(footing: Footing, rows: Rows) -> bool:
-    """Whether a full test is worth its time, by the slopes of the selected records alone."""
-    kept = rows[footing.selected[rows]]
-    if len(kept) < (1.0 - DESERTED) * len(rows):
-        return True
-    day = (footing.t_s[kept] - footing.t_s[kept].mean())[:, None, None] / SECONDS_PER_DAY
-    eye = np.broadcast_to(np.eye(2), (len(kept), 2, 2))
-    G = footing.W[kept] @ np.concatenate([eye, day * eye, footing.rate[kept][:, :, None]], axis=2)
-    slope = np.einsum("nik,ni->k", G, footing.q[kept])
-    N_cx = np.tensordot(G, footing.B[kept], axes=([0, 1], [0, 1]))
-    own = np.einsum("nik,nik->k", G, G)
-    left = own - np.sum(N_cx**2, axis=1) / np.maximum(np.diag(footing.information).mean(), 1e-300)
-    scatter = min(float(np.mean(footing.q[kept] ** 2)), 1.0)
-    if np.any(slope**2 > PROMISING * scatter * np.maximum(left, 1e-3 * own)):
-        return True
-    t_s = footing.t_s[rows]
-    span = max(float(np.ptp(t_s)), 1e-9)
-    return len(rows) >= MANY and _uneven(footing.q[rows], 2.0 * np.pi * (t_s - t_s.min()) / span)
+def _promising(footing: Footing, records: Records, asked: Sequence[Rows]) -> Flags:
+    """Whether a full test of each group is worth its time."""
+    if not asked:
+        return np.zeros(0, dtype=np.bool_)
+    every = Groups(asked)
+    rows, information = every.rows, footing.information
+    kept, t_s, q = footing.selected[rows], footing.t_s[rows], footing.q[rows]
+    worth = promising(
+        every, t_s, records.night[rows], kept, q, footing.B[rows], footing.W[rows], footing.rate[rows], information
+    )
+    worth |= every.sums(kept) < (1.0 - DESERTED) * every.length
+    for k in np.flatnonzero(~worth & (every.length >= MANY)):
+        mine = slice(every.start[k], every.start[k] + every.length[k])
+        span = max(float(np.ptp(t_s[mine])), 1e-9)
+        worth[k] = _uneven(q[mine], 2.0 * np.pi * (t_s[mine] - t_s[mine].min()) / span)
+    return worth
 
 
-def examined(
-    footing: Footing, code: str, rows: Rows, night: Rows, whole: bool, least: float = SURE
-) -> SharedError | None:
-    """The kind that explains one group of records best; None where none has `least` sigmas."""
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Tests:
+    """The scores of every kind that a group of records can tell, with their partials, and significance by kind."""
+
+    scores: dict[str, tuple[Score, Array]]
+    sure: dict[str, float]
+
+    @property
+    def surest(self) -> float:
+        """The largest significance of all."""
+        return max(self.sure.values(), default=0.0)
+
+    @property
+    def scatter(self) -> float:
+        """Variance of whitened residuals by the best model."""
+        return min((score.scatter for score, _ in self.scores.values()), default=1.0)
+
+
+def tests(footing: Footing, rows: Rows, night: Rows) -> Tests:
+    """Test every kind on one group of records."""
     scores: dict[str, tuple[Score, Array]] = {}
     for kind, G in _designs(footing, rows, night):
         score = footing.score(rows, G, night)
         if score is not None and (kind not in scores or score.explained > 1.5 * scores[kind][0].explained):
             scores[kind] = score, G
     sure = {kind: score.part(BESIDE.get(kind, slice(None))) for kind, (score, _) in scores.items()}
+    return Tests(scores=scores, sure=sure)
+
+
+def judged(
+    footing: Footing, code: str, rows: Rows, whole: bool, tested: Tests, least: float = SURE
+) -> SharedError | None:
+    """The kind that explains one group of records best; None where none has `least` sigmas."""
+    scores, sure = tested.scores, tested.sure
     able = [kind for kind in scores if sure[kind] >= SURE] or [kind for kind in scores if sure[kind] >= least]
     if not able:
         return None
-    scatter = min(score.scatter for score, _ in scores.values())
-    merit = {kind: _merit(scores[kind][0], scatter, len(rows)) for kind in able}
+    merit = {kind: _merit(scores[kind][0], tested.scatter, len(rows)) for kind in able}
     kind = max(able, key=lambda name: merit[name])
     score, G = scores[kind]
     weight = 1.0 / np.diagonal(footing.R[rows], axis1=1, axis2=2)
@@ -232,7 +292,7 @@ def examined(
         span_s=(float(footing.t_s[rows].min()), float(footing.t_s[rows].max())),
         whole=whole,
         kind=kind,
-        significance=sure,
+        significance=dict(sure),
         estimate=tuple((score.estimate[shown] / unit).tolist()),
         sigma=tuple((np.sqrt(np.diag(score.covariance)[shown]) / unit).tolist()),
         merit=merit[kind],
