@@ -83,7 +83,9 @@ def gauss_newton(
     -----
     s_i = s_{i-1} + lambda d with d from the problem at s_{i-1}, prior means moved to sbar - s_{i-1}: the same as
     s_i = sbar + k [psi - h(s_{i-1}) - H (sbar - s_{i-1})] for lambda = 1. lambda is halved with the same normal
-    matrix until the cost drops by the Armijo fraction; the merit is the cost, never its gradient.
+    matrix until the cost drops by the Armijo fraction; the merit is the cost, never its gradient. The weights of a step
+    are those where it begins: what the position of a telescope does to a direction goes with the distance, so a cost
+    weighed anew has another gradient than the step, and no step, however short, need make it smaller.
     """
     point = dict(start or {})
     problem = linearise(point)
@@ -107,12 +109,12 @@ def gauss_newton(
             grown = costs[-1] > allowed * (1.0 + GROWTH) + GROWTH
             status = Status.DIVERGED if grown else Status.CONVERGED
             break
-        found = _damped(linearise, point, estimate, costs[-1]) if damped else _tried(linearise, point, estimate)
+        found = _damped(linearise, point, problem, estimate) if damped else _tried(linearise, point, problem, estimate)
         if found is None:
             status = Status.DIVERGED
             break
-        point, problem, value, fraction = found
-        costs.append(value)
+        point, problem, _, fraction = found
+        costs.append(cost(recentred(problem, point)))
         dampings.append(fraction)
         estimate = solve(recentred(problem, point))
     return IterationResult(
@@ -182,14 +184,15 @@ def _linear_cost(problem: LinearProblem, estimate: Estimate) -> float:
 
 
 def _damped(
-    linearise: Linearise, point: Mapping[str, float], estimate: Estimate, before: float
+    linearise: Linearise, point: Mapping[str, float], start: LinearProblem, estimate: Estimate
 ) -> tuple[dict[str, float], LinearProblem, float, float] | None:
     """Halve the step until the cost drops enough; None when no step does."""
+    before = cost(recentred(start, point))
     # Along the exact descent the cost falls from `before` towards the linear minimum.
     promised = max(before - estimate.chi2, 0.0)
     fraction = 1.0
     while fraction >= SHORTEST:
-        found = _tried(linearise, point, estimate, fraction)
+        found = _tried(linearise, point, start, estimate, fraction)
         # Round-off of a cost of this size must not stop an iteration that stands at its minimum.
         if found is not None and found[2] <= before - ARMIJO * fraction * promised + 1e-10 * max(before, 1.0):
             return found
@@ -198,13 +201,14 @@ def _damped(
 
 
 def _tried(
-    linearise: Linearise, point: Mapping[str, float], estimate: Estimate, fraction: float = 1.0
+    linearise: Linearise, point: Mapping[str, float], start: LinearProblem, estimate: Estimate, fraction: float = 1.0
 ) -> tuple[dict[str, float], LinearProblem, float, float] | None:
-    """Take a fraction of a step, whatever becomes of the cost; None where the problem does not exist there."""
+    """Take a fraction of a step: point, problem, cost by the weights of the start; None where there is no problem."""
     trial = {name: point[name] + fraction * step for name, step in zip(estimate.names, estimate.mean)}
     try:
         problem = linearise(trial)
-        return trial, problem, cost(recentred(problem, trial)), fraction
+        weighed = replace(problem, R=start.R, white=start.white, markov=start.markov)
+        return trial, problem, cost(recentred(weighed, trial)), fraction
     except (InputError, CoverageError, EventError):
         return None  # the start was good; a step may lead out of the domain, or to where values overflow
 

@@ -3,6 +3,7 @@
 import platform
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from datetime import UTC, datetime
 from importlib.metadata import version
 from typing import Any
@@ -13,6 +14,8 @@ import numpy.typing as npt
 from nebosvod import __version__
 from nebosvod.assembly import View, computed_psi, linear_problem, nominal_point, view
 from nebosvod.assessment import assess
+from nebosvod.distance import unknown_distance
+from nebosvod.estimation import Status
 from nebosvod.fitting import Fit, fit
 from nebosvod.foretold import foretell
 from nebosvod.mission import Mission
@@ -52,7 +55,7 @@ def run(mission: Mission, seed: int = 0, progress: Callable[[str], None] | None 
     fits = []
     for estimator in mission.estimators:
         say(f"estimating: {estimator.name}")
-        fits.append(fit(scene, estimator, nominal, truth.psi, priors))
+        fits.append(judged(scene, fit(scene, estimator, nominal, truth.psi, priors)))
     say("predicting")
     foretold = {one.estimator.name: foretell(scene, one) for one in fits}
     samples = _samples(scene, nominal, priors, fits, seed, say)
@@ -66,6 +69,15 @@ def run(mission: Mission, seed: int = 0, progress: Callable[[str], None] | None 
         arrays=all_arrays(scene, nominal, fits, truth.psi) | findings.arrays,
         tables=all_tables(scene, nominal, fits, truth.psi, findings),
     )
+
+
+def judged(scene: Scene, found: Fit) -> Fit:
+    """The fit, called not observable where its sigmas say that nobody knows how far the object is."""
+    far = unknown_distance(scene, found)
+    if not far or found.status is Status.NOT_OBSERVABLE:
+        return found
+    words = f"{Status.NOT_OBSERVABLE.sentence} They do not tell how far the object is: {far}."
+    return replace(found, status=Status.NOT_OBSERVABLE, message=words)
 
 
 def manifest(scene: Scene, seed: int, started: float, fits: list[Fit]) -> dict[str, Any]:

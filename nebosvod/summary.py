@@ -53,7 +53,7 @@ def summarise(
         "predictions": findings.predictions,
         "curves": findings.curves,
         "accuracy_comparison": findings.accuracy_comparison,
-        "warnings": _warnings(scene, fits, findings),
+        "warnings": [*_unknown_prior(priors), *_warnings(scene, fits, findings)],
     }
 
 
@@ -199,6 +199,12 @@ def _assumptions(scene: Scene) -> list[str]:
     said.append("errors of different sources are independent and Gaussian; measurements are simulated")
     said.append("UTC after the last known leap second keeps TAI - UTC = 37 s; geostationary telescopes use UT1 = UTC")
     return said
+
+
+def _unknown_prior(priors: PriorTable) -> list[str]:
+    """That the simulated truth is not drawn from a prior as wide as the orbit itself."""
+    words = "the prior orbit is as wide as the orbit itself: it counts, and the simulated truth is the nominal orbit"
+    return [words] if priors.says_nothing else []
 
 
 def _warnings(scene: Scene, fits: Sequence[Fit], findings: Findings) -> list[str]:

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import chi2 as chi_square
 
+from nebosvod.distance import unknown_distance
 from nebosvod.dynamics.elements import state_to_cometary
 from nebosvod.errors import counted
 from nebosvod.estimation import Status
@@ -21,7 +22,6 @@ from nebosvod.prior import STATE_NAMES
 from nebosvod.timescale import SECONDS_PER_DAY
 
 Array = npt.NDArray[np.float64]
-DISTANCE = 0.3  # sigma of the distance over the distance, beyond which the arc does not tell how far the object is
 UNBOUND = 3.0  # sigmas of e that a hyperbola must lie above 1 to be believed
 CIRCLE = "the selection of observations went in a circle or to its limit of rounds, and was kept as it was"
 LEFT_OUT = 0.5  # of the observations: a fit that rejects more fits something else
@@ -142,23 +142,11 @@ def _weak(general: General) -> str:
 def _vague(general: General, material: Material) -> str:
     """Why a solution is no orbit: a distance not known, or a hyperbola within its sigma; empty where it is one."""
     estimate, arc = general.fit.estimate, arc_words(material)
-    state = general.fit.point.state
-    S = estimate.factor(STATE_NAMES)
-    scene = general.scene
-    place = int(np.argmin(np.abs(general.fit.observation.t_s)))
-    observer = general.fit.observation.telescope_state[place, :3]
-    sun = scene.ephemeris.position_km("sun", scene.epoch, np.array([general.fit.observation.t_s[place]]))[0]
-    at = general.fit.trajectory.at([general.fit.observation.t_s[place]])
-    line = at.state[0, :3] + sun - observer
-    distance = float(np.linalg.norm(line))
-    sigma = float(np.linalg.norm((line / distance) @ at.Phi[0, :3] @ S))
-    if sigma > DISTANCE * distance:
-        return (
-            f"{Status.NOT_OBSERVABLE.sentence} The arc of {arc} does not tell how far the object is: "
-            f"{distance / 149597870.7:.3g} +- {sigma / 149597870.7:.2g} au from the observer."
-        )
-    elements, jacobian = state_to_cometary(state, scene.ephemeris.gm_km3_s2["sun"])
-    spread = float(np.linalg.norm(jacobian[0] @ S))
+    far = unknown_distance(general.scene, general.fit)
+    if far:
+        return f"{Status.NOT_OBSERVABLE.sentence} The arc of {arc} does not tell how far the object is: {far}."
+    elements, jacobian = state_to_cometary(general.fit.point.state, general.scene.ephemeris.gm_km3_s2["sun"])
+    spread = float(np.linalg.norm(jacobian[0] @ estimate.factor(STATE_NAMES)))
     if elements[0] >= 1.0 and elements[0] - 1.0 < UNBOUND * spread:
         return (
             f"{Status.NOT_OBSERVABLE.sentence} The best orbit is unbound (e = {elements[0]:.4g} +- {spread:.2g}), "

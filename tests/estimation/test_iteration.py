@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from nebosvod.estimation import Block, LinearProblem, Prior, Status, gauss_newton
+from nebosvod.estimation import Block, LinearProblem, Prior, Status, White, gauss_newton
 from nebosvod.estimation.iteration import cost
 
 BEACONS = np.array([[0.0, 0.0], [10.0, 0.0], [3.0, 8.0]])
@@ -201,3 +201,57 @@ def test_a_step_out_of_the_domain_is_no_exception(damped):
     else:
         assert found.status is Status.DIVERGED
         assert found.deviation["x"] == 0.0
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_weights_that_go_with_the_point_do_not_stop_it(seed):
+    """Angles to an object whose noise falls with its distance: the fixed point of reweighted least squares.
+
+    The reference iterates whole steps in dense numpy, weights anew in each, until nothing moves.
+    """
+    rng = np.random.default_rng(seed)
+    baselines = np.linspace(-1.0, 1.0, 9)
+    sigma, place = 1e-4, 1e-2  # of an angle, and of the observer's position across the line of sight
+
+    def angle(x):
+        return np.arctan2(x[0] - baselines, x[1])
+
+    def partials(x):
+        square = (x[0] - baselines) ** 2 + x[1] ** 2
+        return np.stack([x[1] / square, -(x[0] - baselines) / square], axis=1)
+
+    def spread(x):
+        return sigma**2 + place**2 / ((x[0] - baselines) ** 2 + x[1] ** 2)
+
+    start = np.array([0.0, 60.0])
+    observed = angle(start) + 3.0 * np.sqrt(spread(start)) * rng.standard_normal(9)
+
+    def linearise(deviation):
+        x = start + np.array([deviation.get("x", 0.0), deviation.get("y", 0.0)])
+        distance = np.sqrt((x[0] - baselines) ** 2 + x[1] ** 2)
+        return LinearProblem(
+            residual=(observed - angle(x))[:, None],
+            R=np.full((9, 1, 1), sigma**2),
+            blocks=(Block(name="position", names=("x", "y"), H=partials(x)[:, None, :]),),
+            white=(
+                White(
+                    name="place",
+                    H=(1.0 / distance)[:, None, None],
+                    Q=place**2 * np.eye(1),
+                    rows=np.arange(9),
+                    treatment="estimated",
+                ),
+            ),
+        )
+
+    x = start
+    for _ in range(200):
+        weight = 1.0 / spread(x)
+        H = partials(x)
+        x = x + np.linalg.solve((H.T * weight) @ H, (H.T * weight) @ (observed - angle(x)))
+    found = gauss_newton(linearise, limit=100)
+    assert found.status is Status.CONVERGED
+    reached = start + np.array([found.deviation["x"], found.deviation["y"]])
+    H = partials(x)
+    factor = np.linalg.cholesky((H.T / spread(x)) @ H)
+    assert np.linalg.norm(factor.T @ (reached - x)) < 1e-3  # sigmas

@@ -1,0 +1,61 @@
+"""Orbits of which little is known: priors that say nothing, arcs that do not tell the distance."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from nebosvod.cli import main
+from nebosvod.mission.builtin import builtin_path
+
+SHORT = "end: 2028-03-20T0{}:00:00 TDB, cadence: {} min"
+BEHIND = "  - {name: behind, like: ahead, orbit: {lead: -10 deg}}\n"
+
+
+def summary_of(folder: Path, text: str, *options: str) -> tuple[int, dict]:
+    mission = folder / "m.yaml"
+    mission.write_text(text, "utf-8")
+    code = main(["run", str(mission), "-o", str(folder / "out"), "--overwrite", *options])
+    return code, json.loads((folder / "out" / "summary.json").read_text("utf-8"))
+
+
+@pytest.fixture
+def minimal() -> str:
+    return builtin_path("minimal").read_text("utf-8")
+
+
+def alone(minimal: str, hours: int, minutes: int) -> str:
+    """One telescope and one short arc."""
+    return minimal.replace("end: 2028-04-19T00:00:00 TDB, cadence: 1 d", SHORT.format(hours, minutes)).replace(
+        BEHIND, ""
+    )
+
+
+@pytest.mark.parametrize(
+    ("position", "velocity"), [("1e9 km", "1 km/s"), ("1e12 km", "1e6 km/s"), ("1e8 km", "1 km/s")]
+)
+def test_a_prior_as_wide_as_the_orbit_is_no_prior(tmp_path, minimal, position, velocity):
+    """No truth is drawn from it: most of its orbits are of no object that these telescopes see."""
+    _, without = summary_of(tmp_path, minimal)
+    code, found = summary_of(tmp_path, f"{minimal}prior: {{sigma: {{position: {position}, velocity: {velocity}}}}}\n")
+    assert code == 0
+    for key in ("sigma_position_km", "sigma_velocity_m_s"):
+        assert found["estimators"][0][key] == pytest.approx(without["estimators"][0][key], rel=1e-4)
+    assert any("as wide as the orbit itself" in warning for warning in found["warnings"])
+
+
+def test_an_arc_that_does_not_tell_the_distance_is_no_answer(tmp_path, minimal, capsys):
+    """An hour from one place: 0.19 au with a sigma of 12 au."""
+    code, found = summary_of(tmp_path, alone(minimal, 1, 10))
+    assert code == 1
+    assert found["estimators"][0]["status"] == "not_observable"
+    assert "do not tell how far the object is: 0." in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_an_arc_that_does_converges_whatever_was_drawn(tmp_path, minimal, seed):
+    """Six hours from one telescope about the Earth, whose error in place counts the more the nearer the object."""
+    text = alone(minimal, 6, 30).replace("kind: heliocentric, lead: 10 deg", "kind: geostationary, longitude: 0 deg")
+    code, found = summary_of(tmp_path, text, "--seed", str(seed))
+    assert code == 0
+    assert found["estimators"][0]["status"] == "converged"
