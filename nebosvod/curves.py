@@ -85,6 +85,10 @@ def by_count(fit: Fit, asked: Sequence[Quantity]) -> list[dict[str, Any]]:
     arc = np.maximum(t_s - t_s[0], 0.0)
     for name, world in worlds.items():
         passed = _followed(world, asked)
+        if passed is not None:
+            first = _first_observable(world, place)
+            for total in passed:
+                total[:first] = np.inf
         known, totals = (np.arange(n), passed) if passed is not None else (place, _stepped(world, asked, place))
         for row, quantity, total in zip(rows, asked, totals):
             row[f"{name}_{quantity.unit}"] = [_finite(value) for value in total[np.searchsorted(known, place)]]
@@ -160,6 +164,17 @@ def last_slope(x: Array, sigma: Array, sign: float = 1.0) -> float | None:
     if np.count_nonzero(inside) < 3:
         return None
     return float(sign * np.polyfit(np.log(x[inside]), np.log(sigma[inside]), 1)[0])
+
+
+def _first_observable(problem: LinearProblem, place: npt.NDArray[np.int64]) -> int:
+    """Number of measurements before the first of `place` where the problem is observable in double precision.
+
+    A filter goes on through a problem whose condition is beyond 1/eps and then shows numbers of no meaning.
+    """
+    for last in place:
+        if batch.solve(subset(problem, np.arange(problem.n) <= last)).solution is not None:
+            return int(last)
+    return problem.n
 
 
 def _stepped(problem: LinearProblem, asked: Sequence[Quantity], place: npt.NDArray[np.int64]) -> list[Array]:
