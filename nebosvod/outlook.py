@@ -124,6 +124,8 @@ def event_words(row: Row) -> str:
     if "latitude_deg" in row:
         text += f", {place_words(row['longitude_deg'], row['latitude_deg'])} geodetic"
         text += f" (1 sigma {row['sigma_longitude_deg']:.2g} and {row['sigma_latitude_deg']:.2g} deg)"
+    if (row.get("nonlinearity") or {}).get("misleads"):
+        text += "; these sigmas are linear, which misleads here"
     return text
 
 

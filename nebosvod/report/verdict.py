@@ -94,6 +94,8 @@ def _headline(run: RunFolder, main: Item) -> Markup:
         first = predictions[0]
         where = wording.plane_name(first["plane"], first.get("body"))
         what = Markup("{} on {}: {} at 1σ").format(_capital(where), wording.date(when(first)), size(first))
+        if (first.get("nonlinearity") or {}).get("misleads"):
+            what = Markup("{} by the linear ellipse, which misleads here").format(what)
         shares = [(row["source"], row["share_total"]) for row in first.get("budget") or []]
     else:
         what = Markup("Position known to {} at 1σ").format(quantity(main["sigma_position_km"], "km"))

@@ -59,3 +59,22 @@ def test_an_arc_that_does_converges_whatever_was_drawn(tmp_path, minimal, seed):
     code, found = summary_of(tmp_path, text, "--seed", str(seed))
     assert code == 0
     assert found["estimators"][0]["status"] == "converged"
+
+
+def test_the_page_states_no_accuracy_where_there_is_none(tmp_path, minimal):
+    code, _ = summary_of(tmp_path, alone(minimal, 1, 10))
+    page = (tmp_path / "out" / "report.html").read_text("utf-8")
+    assert code == 1
+    assert "No accuracy can be stated: the measurements and priors do not determine" in page
+
+
+def test_a_headline_of_an_ellipse_that_misleads_says_so(tmp_path, minimal):
+    """Six hours from one place: the distance ten days later is linear no more."""
+    text = alone(minimal, 6, 30).replace("kind: heliocentric, lead: 10 deg", "kind: geostationary, longitude: 0 deg")
+    text = text.replace("sigma: 0.1 arcsec", "sigma: 5 arcsec")
+    _, found = summary_of(tmp_path, text)
+    misleads = found["predictions"][0]["nonlinearity"]["misleads"]
+    page = (tmp_path / "out" / "report.html").read_text("utf-8")
+    headline = page[page.index('<section id="verdict"') :].split("</h2>")[0]
+    assert misleads == ("linear ellipse, which misleads here" in headline)
+    assert misleads
