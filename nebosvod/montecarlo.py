@@ -33,8 +33,8 @@ class Sample:
 
     Attributes
     ----------
-    names : s estimated parameters.
-    errors : (runs, s), estimate minus truth.
+    names : s parameters, the estimated ones first, then those left out.
+    errors : (runs, s), estimate minus truth, of those left out assumed minus true value.
     mean : (s,) or (runs, s), mean of the errors that the estimator's left-out sources promise; K_true is the covariance
         about it.
     reference : the estimate at the reference, whose K_true is on trial.
@@ -73,7 +73,7 @@ class Sample:
 
         Parameters
         ----------
-        names : the columns of W (d, k), all of them estimated.
+        names : the columns of W (d, k).
         sigma : (d,), what is claimed: where runs have covariances of their own, an error counts in sigmas of its run,
             times this.
         """
@@ -138,46 +138,49 @@ class _Telling:
 def _linear(setting: Setting, runs: int, seed: int, tell: Callable[[int], None]) -> list[Sample]:
     """Truths linear about the reference, one factorisation for all."""
     computed, estimating = computed_psi(setting.nominal), setting.estimating
-    errors = [np.empty((runs, len(one.reference.names))) for one in estimating]
+    names = [one.reference.names + one.reference.left_out for one in estimating]
+    assumed = [np.array([one.reference.value(name) for name in one.reference.left_out]) for one in estimating]
+    errors = [np.empty((runs, len(known))) for known in names]
     for i in range(runs):
         tell(i)
         psi, truth = measured_truth(setting, generator(seed, i))
         v = residual(psi, computed)[None]
-        for one, rows in zip(estimating, errors):
-            rows[i] = one.means(v)[0] - np.array([truth[name] for name in one.reference.names])
+        for one, known, fixed, rows in zip(estimating, names, assumed, errors):
+            rows[i] = np.append(one.means(v)[0], fixed) - np.array([truth[name] for name in known])
     return [
         Sample(
-            names=one.reference.names,
+            names=known,
             errors=rows,
-            mean=one.mean(one.reference.names),
+            mean=one.mean(known),
             reference=one.reference,
         )
-        for one, rows in zip(estimating, errors)
+        for one, known, rows in zip(estimating, names, errors)
     ]
 
 
 def _iterated(setting: Setting, runs: int, seed: int, tell: Callable[[int], None]) -> list[Sample]:
     """Truths propagated, every estimate iterated to convergence."""
     estimating = setting.estimating
-    size = [len(one.reference.names) for one in estimating]
+    names = [one.reference.names + one.reference.left_out for one in estimating]
+    size = [len(known) for known in names]
     rows: list[list[tuple[Array, Array, Array]]] = [[] for _ in estimating]
     for i in range(runs):
         tell(i)
         truth = possible(setting, generator(seed, i))
-        for one, s, mine in zip(estimating, size, rows):
+        for one, mine in zip(estimating, rows):
             trial = None if truth is None else iterated(setting, one, truth)
             if trial is not None:
-                mine.append((trial.errors[:s], trial.mean[:s], trial.factor_true[:s, :s]))
+                mine.append((trial.errors, trial.mean, trial.factor_true))
     return [
         Sample(
-            names=one.reference.names,
+            names=known,
             errors=np.array([row[0] for row in mine]).reshape(-1, s),
             mean=np.array([row[1] for row in mine]).reshape(-1, s),
             reference=one.reference,
             factors=np.array([row[2] for row in mine]).reshape(-1, s, s),
             lost=runs - len(mine),
         )
-        for one, s, mine in zip(estimating, size, rows)
+        for one, known, s, mine in zip(estimating, names, size, rows)
     ]
 
 

@@ -111,16 +111,23 @@ def test_the_box_of_a_slow_error_holds_each_of_its_histories(make_setting: MakeS
     assert np.all(bounds[0] >= bounds[1] * (1 - 1e-6))
 
 
-def test_monte_carlo_of_a_quantity_that_is_not_estimated_says_why_there_is_none(
-    make_setting: MakeSetting, minimal_text: str
+@pytest.mark.parametrize("treatment", ["considered", "ignored"])
+def test_monte_carlo_holds_the_errors_of_parameters_left_out(
+    make_setting: MakeSetting, minimal_text: str, treatment: str
 ) -> None:
-    text = minimal_text + "estimators: [{name: part, method: batch_qr, treatment: {radius: considered}}]\n"
+    """A light body, a year ahead: the radius that no estimator sees makes most of the error."""
+    text = minimal_text.replace("8e6 kg, sigma: 2e6 kg", "4e4 kg, sigma: 1e3 kg").replace("2028-04-29", "2028-12-29")
+    text += f"estimators: [{{name: part, method: batch_qr, treatment: {{radius: {treatment}}}}}]\n"
     setting = make_setting(load_mission_text(text))
     scene, one, asked = solved(setting)
-    sample = repeat(scene, one.estimator, setting[2], setting[1], 2, 0)
-    row = comparison(scene, [one], {"part": asked}, {"part": sample})["rows"][0]
-    assert row["monte_carlo"] is None
-    assert "radius_m is not estimated" in row["monte_carlo_reason"]
+    sample = repeat(scene, one.estimator, setting[2], setting[1], 400, 0)
+    W, names = known_partials(asked[0], one.estimate)
+    ahead = np.abs(W[:, names.index("radius_m")]) * np.linalg.norm(one.estimate.factor(["radius_m"]))
+    rows = comparison(scene, [one], {"part": asked}, {"part": sample})["rows"]
+    assert max(part / row["extended"] for part, row in zip(ahead, rows)) > 0.5
+    for row in rows:
+        low, high = row["monte_carlo_interval_99"]
+        assert low < row["extended"] < high
 
 
 def test_a_statement_tells_optimism_pessimism_and_contradiction() -> None:
