@@ -435,7 +435,8 @@ def _answered(argv: Sequence[str], debug: bool) -> int:
     except NebosvodError as error:
         if debug:
             raise
-        click.echo(f"error: {error}" if "\n" not in str(error) else str(error), err=True)
+        for line in str(error).splitlines():  # of several things that are wrong each has a line
+            click.echo(f"error: {line}", err=True)
         for note in notes_of(error):
             click.echo(f"notice: {note}", err=True)
         return error.exit_code

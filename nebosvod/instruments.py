@@ -6,7 +6,6 @@
 To teach the program another kind: write it in `observation`, its block in `mission`, and add its line here.
 """
 
-import json
 from collections.abc import Callable, Mapping
 from typing import Any, Literal, TypeVar
 
@@ -48,6 +47,7 @@ from nebosvod.observation import (
 )
 from nebosvod.observation import Photocentre as PhotocentreOffset
 from nebosvod.orbit_table import read_orbit_table
+from nebosvod.stored import read_object
 from nebosvod.timescale import Epoch
 
 Array = npt.NDArray[np.float64]
@@ -151,9 +151,11 @@ def _ground(orbit: said.Ground, mission: Mission) -> Spacecraft:
     try:
         codes = obscodes.codes()
         if orbit.file is not None:
-            codes = json.loads(mission.beside(orbit.file).read_text("utf-8"))
+            codes = read_object(mission.beside(orbit.file), LARGEST_CODES)
         row = codes[orbit.code]
         constants = (np.radians(float(row["Longitude"])), float(row["cos"]), float(row["sin"]))
+    except InputError as error:
+        raise InputError(f"{error}; needs the MPC's obscodes_extended.json") from None
     except (OSError, ValueError, TypeError, KeyError) as error:
         text = f"has no usable entry {orbit.code} ({type(error).__name__}: {error})"
         raise InputError(f"{orbit.file or 'ground'}: {text}; needs the MPC's obscodes_extended.json") from None
@@ -179,6 +181,7 @@ SPACECRAFT: Mapping[type, Callable[[Any, Mission], Spacecraft]] = {
 # --- what is uncertain ------------------------------------------------------------------------------------------------
 
 Seeing = tuple[str, ...]
+LARGEST_CODES = 5_000_000  # bytes of a list of observatories; the MPC's has 0.3 million
 # axes of a covariance in an OEM file; RSW is another name of RTN
 OEM_AXES: Mapping[str, Literal["icrf", "rtn"]] = {
     "EME2000": "icrf",

@@ -19,6 +19,7 @@ from nebosvod.estimation import Status
 from nebosvod.fitting import Fit, fit
 from nebosvod.foretold import foretell
 from nebosvod.mission import Mission
+from nebosvod.mission.reading import require_mission
 from nebosvod.montecarlo import Sample, consistency, consistency_block, repeat_all
 from nebosvod.prior import PriorTable, prior_table
 from nebosvod.result import Result
@@ -44,6 +45,7 @@ def run(mission: Mission, seed: int = 0, progress: Callable[[str], None] | None 
     InputError, CoverageError, DataError, GeometryError, EventError
         As the stages raise them; a lack of convergence or observability is a status of the result.
     """
+    require_mission(mission, "run")
     say = progress or (lambda message: None)
     started = time.time()
     say("reading the ephemeris, propagating the reference orbit")

@@ -18,6 +18,7 @@ from nebosvod.errors import GeometryError, InputError
 from nebosvod.estimation.addition import Additions, Belief, additions, predicted, take
 from nebosvod.fitting import SOLVERS
 from nebosvod.mission import Mission
+from nebosvod.mission.reading import require_mission
 from nebosvod.predictions import Quantity, quantity
 from nebosvod.prior import prior_table
 from nebosvod.scene import Scene, build_scene
@@ -255,6 +256,7 @@ def plan(mission: Mission, wish: Wish, say: Callable[[str], None] = lambda messa
     GeometryError
         If the mission's measurements do not determine the orbit, or nothing is visible at the candidate epochs.
     """
+    require_mission(mission, "plan")
     if not 1 <= wish.visits <= MOST_VISITS:
         raise InputError(f"--visits: {wish.visits} is out of range (allowed 1 to {MOST_VISITS})")
     request = _named(mission, "predictions", "--prediction", wish.prediction)

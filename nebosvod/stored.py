@@ -71,14 +71,14 @@ def read_bytes(path: Path, largest: int = LARGEST_TEXT) -> bytes:
             if status.st_size > largest:
                 raise InputError(f"{path}: {status.st_size} bytes are more than a file of a run has ({largest})")
             return file.read(status.st_size + 1)
-    except FileNotFoundError:
+    except (FileNotFoundError, InputError):
         raise
     except (OSError, ValueError) as error:
         link = ", a symbolic link" if path.is_symlink() else ""
         raise InputError(f"{path}: cannot be read ({getattr(error, 'strerror', None) or error}{link})") from None
 
 
-def read_object(path: Path) -> dict[str, Any]:
+def read_object(path: Path, largest: int = LARGEST_TEXT) -> dict[str, Any]:
     """A JSON object whose numbers are finite, whose text is text, and whose nesting ends.
 
     Raises
@@ -88,13 +88,20 @@ def read_object(path: Path) -> dict[str, Any]:
     """
     try:
         content = json.loads(
-            read_bytes(path).decode("utf-8"), parse_constant=_refused, parse_float=_finite, parse_int=_bounded
+            read_bytes(path, largest).decode("utf-8"), parse_constant=_refused, parse_float=_finite, parse_int=_bounded
         )
         _require_plain(content)
     except InputError:
         raise
     except RecursionError:
         raise InputError(f"{path}: cannot be read (nested deeper than {DEEPEST})") from None
+    except json.JSONDecodeError as error:
+        raise InputError(
+            f"{path}:{error.lineno}:{error.colno}: is no JSON from here on; damaged or cut short"
+        ) from None
+    except UnicodeDecodeError as error:
+        byte = f"byte 0x{error.object[error.start]:02X} at place {error.start}"
+        raise InputError(f"{path}: {byte} is not text in UTF-8; damaged") from None
     except ValueError as error:
         raise InputError(f"{path}: cannot be read ({error})") from None
     if not isinstance(content, dict):

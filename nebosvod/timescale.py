@@ -93,10 +93,10 @@ class Epoch:
             warnings.simplefilter("ignore", erfa.ErfaWarning)
             try:
                 jd1, jd2 = erfa.dtf2d(scale.upper(), year, month, day, hour, minute, second)
-                back = erfa.d2dtf(scale.upper(), 3, jd1, jd2)
+                leap = second < 60.0 or int(erfa.d2dtf(scale.upper(), 3, jd1, jd2)[3]["s"]) == 60
             except erfa.ErfaError as error:
                 raise InputError(f'epoch "{text}": no such date ({error})') from None
-        if second >= 60.0 and int(back[3]["s"]) != 60:
+        if not leap:
             raise InputError(f'epoch "{text}": there was no leap second at this time')
         return replace(cls.from_jd(float(jd1), float(jd2), scale), scale=scale)
 

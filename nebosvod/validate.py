@@ -25,6 +25,7 @@ from nebosvod.executor import run_tasks
 from nebosvod.foretold import predicted
 from nebosvod.mission import Mission
 from nebosvod.mission.cost import MAX_RUNS
+from nebosvod.mission.reading import require_mission
 from nebosvod.mission.request import OWN_GAIN
 from nebosvod.prior import STATE_NAMES
 from nebosvod.result import json_text
@@ -89,6 +90,7 @@ def validate(
     OutputError
         If the folder holds another campaign, or this one with more runs, and it is not to be overwritten.
     """
+    require_mission(mission, "validate")
     if not MIN_RUNS <= runs <= MAX_RUNS:
         raise InputError(
             f"--runs: {runs:,} is out of range (allowed {MIN_RUNS} to {MAX_RUNS:,}); 2000 see a sigma wrong by 6 %"

@@ -89,6 +89,8 @@ def read_text(path: Path) -> str:
         with open(descriptor, "rb") as stream:
             _require_regular(name, os.fstat(descriptor))
             data = stream.read(MAX_BYTES + 1)
+    except InputError:
+        raise
     except FileNotFoundError:
         raise InputError(f"{name}: no such file") from None
     except PermissionError as error:

@@ -1,5 +1,6 @@
 """CCSDS Orbit Ephemeris Messages in keyword = value notation (CCSDS 502.0-B)."""
 
+import math
 from array import array
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -24,6 +25,7 @@ CENTRES = {
 }
 FRAMES = ("EME2000", "ICRF", "GCRF")
 MOST_DEGREES = 99
+MOST_COVARIANCES = 20_000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -146,13 +148,13 @@ class _Reader:
             self.epoch = moment
         return moment - self.epoch
 
-    def _numbers(self, words: list[str], allowed: tuple[int, ...]) -> Array:
+    def _numbers(self, words: list[str], allowed: tuple[int, ...]) -> list[float]:
         try:
-            values = np.array([float(word) for word in words])
+            values = [float(word) for word in words]
         except ValueError:
             raise self.wrong(f'expected numbers, got "{" ".join(words)[:60]}"') from None
-        if values.size not in allowed or not np.all(np.isfinite(values)):
-            raise self.wrong(f"expected {' or '.join(map(str, allowed))} finite numbers, got {values.size}")
+        if len(values) not in allowed or not all(map(math.isfinite, values)):
+            raise self.wrong(f"expected {' or '.join(map(str, allowed))} finite numbers, got {len(values)}")
         return values
 
     def _state(self, line: str, meta: dict[str, str]) -> Iterable[float]:
@@ -179,6 +181,8 @@ class _Reader:
                     raise self.wrong("a covariance needs its own EPOCH")
                 matrix[rows, : rows + 1] = self._numbers(line.split(), (rows + 1,))
                 rows += 1
+            if rows == 6 and len(self.covariances) == MOST_COVARIANCES:
+                raise self.wrong(f"more than {MOST_COVARIANCES:,} covariances; thin them out")
             if rows == 6:
                 full = matrix + np.tril(matrix, -1).T
                 self.covariances.append(OemCovariance(epoch=self._time(epoch, meta), frame=frame, covariance=full))

@@ -23,7 +23,8 @@ ANY = "*"
 NO_CATALOGUE, SPACE = "none", "SPACE"
 MODES = ("CCD", "CMO", "VID", "PHO", "NOR", "ENC", "PMT", "MIC", "MER", "TDI", "OCC", SPACE)
 LARGEST_ARCSEC = 3600.0
-LARGEST_BYTES = 10_000_000
+LARGEST_BYTES = 1_000_000  # the table that comes with the program has 3,400
+MOST_PROBLEMS = 20
 # Records that say nothing of the detector were photographed before this year and made by CCDs after it
 FIRST_CCD_YEAR = 1990
 MJD_ORDINAL = 678576  # of 1858-11-17, the day 0 of MJD
@@ -83,7 +84,7 @@ def read_rules(path: str | Path) -> tuple[Rule, ...]:
     path = Path(path)
     try:
         if path.stat().st_size > LARGEST_BYTES:
-            raise InputError(f"{path}: larger than {LARGEST_BYTES} bytes, no table of weights")
+            raise InputError(f"{path}: larger than {LARGEST_BYTES:,} bytes, no table of weights")
         text = path.read_text(encoding="utf-8-sig")
     except OSError as error:
         raise DataError(f"{path}: the table of weights cannot be read ({error.strerror or error})") from None
@@ -116,7 +117,8 @@ def parse_rules(lines: Iterable[str], name: str) -> tuple[Rule, ...]:
         except InputError as error:
             problems.append(f"{name}:{number}: {error}")
     if problems:
-        raise InputError("\n".join(problems))
+        more = [f"{name}: and {len(problems) - MOST_PROBLEMS} more"] if len(problems) > MOST_PROBLEMS else []
+        raise InputError("\n".join([*problems[:MOST_PROBLEMS], *more]))
     return tuple(rules)
 
 

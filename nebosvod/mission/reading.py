@@ -3,6 +3,7 @@
 import os
 import re
 from collections.abc import Iterator
+from itertools import islice
 from pathlib import Path
 
 from pydantic import ValidationError
@@ -41,7 +42,12 @@ def load_any(path: str | Path) -> Mission:
     InputError
         With one line for each thing that is wrong, `file:line:col: field: what; hint`, in the order of the file.
     """
+    if not isinstance(path, str | Path):
+        kind = type(path).__name__
+        raise InputError(f"a mission is loaded by a path or a built-in name, text or pathlib.Path (got {kind})")
     file = Path(path)
+    if _exists(file) and file.is_dir():
+        raise InputError(f"{shown(str(path))}: {_folder(file)}")
     if isinstance(path, str) and path in builtin_names() and not os.path.lexists(path):
         file = builtin_path(path)
     elif isinstance(path, str) and not _exists(file) and not file.suffix and os.sep not in path:
@@ -66,6 +72,34 @@ def load_fit(path: str | Path) -> FitMission:
 def load_mission_text(text: str, name: str = "mission") -> Mission:
     """Load a mission from text; `name` stands for the file in messages. It may not refer to other files."""
     return _load(parse_yaml(text, name), None)
+
+
+def require_mission(value: object, function: str) -> None:
+    """Refuse what is no mission where a function of this package is given one.
+
+    Raises
+    ------
+    InputError
+        If it is none, or a file for `nebosvod fit`; says how to get one.
+    """
+    if isinstance(value, FitMission):
+        raise InputError(f"{function}: the mission has a fit block, so there is nothing to simulate; see nebosvod fit")
+    if not isinstance(value, Mission):
+        got = f"load_mission({value!r})" if isinstance(value, str | Path) and len(str(value)) < 80 else "load_mission"
+        raise InputError(f"{function}: needs a mission, as {got} gives it (got {type(value).__name__})")
+
+
+def _folder(path: Path) -> str:
+    """What to do with a folder in place of a mission file."""
+    said = shown(str(path))
+    if all((path / name).is_file() for name in ("manifest.json", "summary.json")):
+        return f"is the folder of a run, not a mission; make its page again with: nebosvod report {said}"
+    files = sorted(one.name for one in islice(path.glob("*.yaml"), 1000))
+    return "is a directory" + (
+        f"; give a mission file in it, as {shown(str(path / files[0]))}"
+        if files
+        else ", and holds no .yaml; give a mission file, or a name that nebosvod missions lists"
+    )
 
 
 def _exists(path: Path) -> bool:

@@ -295,3 +295,29 @@ def test_oem_is_written_as_the_standard_asks(flight: Trajectory, tmp_path: Path)
     assert lines[26:28] == [f"EPOCH = {last}", "COV_REF_FRAME = ICRF"]
     assert lines[-1] == "COVARIANCE_STOP"
     assert len(lines) == 35
+
+
+def _write(flight: Trajectory, path: Path) -> None:
+    """The trajectory as the kind of file that the name says."""
+    if path.suffix == ".bsp":
+        flight.to_spk(path, target=2000001, name="A")
+    else:
+        flight.to_oem(path, object_name="A", object_id="1", created="2026-01-01T00:00:00")
+
+
+@pytest.mark.parametrize("name", ["x.bsp", "x.oem"])
+def test_exports_are_written_whole_under_a_new_name_and_never_through_a_link(
+    flight: Trajectory, tmp_path: Path, name: str
+) -> None:
+    """A second name of the old file keeps the old bytes, so the new ones were not written into it."""
+    path, other, link = tmp_path / name, tmp_path / "other", tmp_path / f"link-{name}"
+    path.write_bytes(b"old")
+    other.hardlink_to(path)
+    _write(flight, path)
+    assert other.read_bytes() == b"old"
+    assert path.stat().st_size > 1000
+    link.symlink_to(other)
+    with pytest.raises(OutputError, match="symbolic link"):
+        _write(flight, link)
+    assert other.read_bytes() == b"old"
+    assert {one.name for one in tmp_path.iterdir()} == {name, "other", f"link-{name}"}

@@ -256,7 +256,7 @@ def test_a_fault_exits_2_with_its_line_column_field_and_advice(
     path.write_text(fault.text, "utf-8")
     assert main(["check", str(path)]) == 2
     out, err = capsys.readouterr()
-    lines = err.removeprefix("error: ").splitlines()
+    lines = [line.removeprefix("error: ") for line in err.splitlines()]
     assert out == ""
     assert len(lines) == fault.count, err
     line, column = place(fault.text, fault.at)
@@ -273,7 +273,8 @@ def test_all_errors_of_a_file_come_at_once_in_its_order(tmp_path: Path, capsys: 
     path.write_text(text)
     assert main(["check", str(path)]) == 2
     err = capsys.readouterr().err
-    places = [tuple(map(int, line.removeprefix(f"{path}:").split(":")[:2])) for line in err.splitlines()]
+    assert all(line.startswith(f"error: {path}:") for line in err.splitlines())
+    places = [tuple(map(int, line.removeprefix(f"error: {path}:").split(":")[:2])) for line in err.splitlines()]
     assert len(places) == 5  # e, h for H, noise (once, though inherited), cadance for cadence, method
     assert places == sorted(places)
 

@@ -2,9 +2,11 @@
 
 import re
 import struct
+from io import BytesIO
 
 import numpy as np
 import pytest
+from jplephem.daf import DAF
 from jplephem.spk import SPK
 from scipy.interpolate import BarycentricInterpolator, KroghInterpolator
 
@@ -698,3 +700,30 @@ class TestOem:
     def test_a_missing_file_is_named(self, tmp_path):
         with pytest.raises(DataError, match=r"absent\.oem"):
             read_oem(tmp_path / "absent.oem")
+
+
+@pytest.mark.parametrize("far_km", [1e11, 1e12, 9e12])
+def test_a_state_no_telescope_has_is_refused_with_the_file(ephemeris, epoch, far_km):
+    """It used to end as a light time that leads out of the integrated span, without the file."""
+    nodes = np.linspace(0.0, DAY, 20)
+    states = kepler(nodes)
+    states[10, 0] = far_km
+    orbit = table(epoch, nodes, states, "earth", source="craft.oem")
+    assert orbit.state_km_km_s(ephemeris, epoch, nodes[:2]).shape == (2, 6)
+    with pytest.raises(DataError, match=r"^craft\.oem: a state of .* which no telescope has .* damaged, copy it again"):
+        orbit.state_km_km_s(ephemeris, epoch, nodes[9:12])
+
+
+@pytest.mark.parametrize("number", [1e300, -1e300, 1e15, 1e11])
+def test_a_damaged_coefficient_of_an_spk_file_is_refused_with_the_file(tmp_path, ephemeris, number):
+    """Type 2 about the Earth, one record of two coefficients, the first of x damaged."""
+    name = b"NAME".ljust(60)
+    head = struct.pack("<8sii60siii8s603s", b"DAF/SPK ", 2, 6, name, 2, 2, 513, b"LTL-IEEE", b"")
+    file = BytesIO((head + b"FTPSTR:\r:\n:\r\n:\r\x00:\x81:\x10\xce:ENDFTP").ljust(1024, b"\0") + bytes(3072))
+    record = [0.5 * DAY, 0.5 * DAY, number, 0.0, 7000.0, 0.0, 0.0, 7.0]
+    DAF(file).add_array(b"SEGMENT".ljust(40), (0.0, DAY, -99, 399, 1, 2), np.array([*record, 0.0, DAY, 8.0, 1.0]))
+    path = tmp_path / "craft.bsp"
+    path.write_bytes(file.getvalue())
+    orbit = read_spk(path)
+    with pytest.raises(DataError, match=r"craft\.bsp: .*damaged"):
+        orbit.state_km_km_s(ephemeris, Epoch.from_jd(2451545.0), np.array([100.0, 40000.0]))
