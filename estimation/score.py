@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import chdtrc, chdtri, ndtri
+from scipy.special import chdtrc, chdtri, ndtr, ndtri
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
@@ -60,12 +60,29 @@ class Score:
         return sigmas(float(estimate @ np.linalg.solve(covariance, estimate)), len(estimate))
 
 
-def sigmas(statistic: float, freedom: int) -> float:
+def sigmas(statistic: float, freedom: float) -> float:
     """As many sigmas of one normal number as chi squared with these degrees of freedom is rare."""
     chance = float(chdtrc(freedom, statistic))
     if chance > 1e-280:
         return float(-ndtri(chance / 2.0))
     return float(np.sqrt(max(statistic - (freedom - 1) * np.log(max(statistic, 1.0)), 0.0)))
+
+
+def among(significance: float, tried: int) -> float:
+    """The sigmas that are as rare as it is that any of so many independent tests exceeds this significance.
+
+    The correction of Sidak (1967, J. Am. Stat. Assoc. 62, 626); tests that hang together are fewer than they seem, so
+    that it errs on the careful side. Zero where chance would bring it.
+    """
+    chance = 2.0 * float(ndtr(-significance))
+    if chance * tried < 1e-280:
+        return float(np.sqrt(max(significance**2 - 2.0 * np.log(tried), 0.0)))
+    return float(-ndtri(-np.expm1(tried * np.log1p(-chance)) / 2.0)) if chance < 1.0 else 0.0
+
+
+def alone(significance: float, tried: int) -> float:
+    """The inverse of `among`: what one of so many tests needs by itself to be as rare among all."""
+    return float(-ndtri(-np.expm1(np.log1p(-2.0 * float(ndtr(-significance))) / max(tried, 1)) / 2.0))
 
 
 def score_test(

@@ -12,7 +12,7 @@ from nebosvod.fit import missing_force, shared_errors
 from nebosvod.fit.general import General
 from nebosvod.fit.leading import NOTE, Led
 from nebosvod.fit.material import Material
-from nebosvod.fit.shared_errors import LEAST, PAUSE_S, SharedError
+from nebosvod.fit.shared_errors import LEAST, SharedError, dates, parts
 from nebosvod.fit.suggestion import entry, flow
 
 Rows = npt.NDArray[np.int64]
@@ -34,7 +34,7 @@ def findings(found: Led, general: General) -> Iterator[str]:
     whole = list(_deserted(found.material, general))
     yield from whole[:SPOKEN]
     if len(whole) > SPOKEN:
-        yield f"and {len(whole) - SPOKEN} more stations or visits of which every record was rejected"
+        yield f"and {len(whole) - SPOKEN} more stations, visits or nights of which every record was rejected"
 
 
 def told(one: SharedError, material: Material) -> str:
@@ -46,6 +46,8 @@ def told(one: SharedError, material: Material) -> str:
 
 def _treated(found: Led, one: SharedError) -> str:
     """What was done about it."""
+    if one.kind == "scatter" and any(note.endswith(NOTE) for note in set(found.material.rule[one.rows].tolist())):
+        return "so their sigmas were enlarged by that factor"
     if any(note.endswith(NOTE) for note in set(found.material.rule[one.rows].tolist())):
         return "so they weigh as one record of that size"
     return "their weights were left as they are"
@@ -60,9 +62,11 @@ def shared_rows(found: Led, general: General) -> list[dict[str, Any]]:
             "n_observations": len(one.rows),
             "kind": one.kind,
             "sigmas": {kind: float(value) for kind, value in one.significance.items()},
+            "sigmas_corrected": float(one.corrected),
+            "n_tests": one.tried,
             "estimate": [float(value) for value in one.estimate],
             "sigma": [float(value) for value in one.sigma],
-            "unit": {"clock": "s", "drift": "arcsec/d"}.get(one.kind, "arcsec"),
+            "unit": {"clock": "s", "drift": "arcsec/d", "scatter": "times"}.get(one.kind, "arcsec"),
             "rms_ra_arcsec": float(one.size_rad[0] / shared_errors.ARCSEC),
             "rms_dec_arcsec": float(one.size_rad[1] / shared_errors.ARCSEC),
             "told": told(one, found.material),
@@ -108,7 +112,7 @@ def notices(found: Led, general: General) -> Iterator[str]:
 
 
 def _deserted(material: Material, general: General) -> Iterator[str]:
-    """Stations, and visits of others, of which every record was rejected."""
+    """Stations, and visits and nights of others, of which every record was rejected."""
     records, out = material.astrometry, ~general.selected
     for code in np.unique(records.station[out]).tolist():
         rows = np.flatnonzero(records.station == code)
@@ -116,8 +120,9 @@ def _deserted(material: Material, general: General) -> Iterator[str]:
         if out[rows].all() and len(rows) > 1:
             yield f"every one of {counted(len(rows), 'record')} of {code} was rejected"
             continue
-        visits = np.split(rows, np.flatnonzero(np.diff(records.t_s[rows]) > PAUSE_S) + 1)
-        for visit in visits if len(visits) > 1 else []:
-            if len(visit) >= LEAST and out[visit].all():
-                first, last = str(records.utc[visit[0]])[:10], str(records.utc[visit[-1]])[:10]
-                yield f"every one of {counted(len(visit), 'record')} of {code} from {first} to {last} was rejected"
+        said = np.zeros(len(rows), dtype=np.bool_)
+        for part in parts(records.t_s[rows], material.night[rows]):
+            if len(part) >= LEAST and out[rows[part]].all() and not said[part].all():
+                said[part] = True
+                when = dates(str(records.utc[rows[part[0]]]), str(records.utc[rows[part[-1]]]))
+                yield f"every one of {counted(len(part), 'record')} of {code}{when} was rejected"

@@ -21,6 +21,7 @@ from nebosvod.fit.missing_force import MissingForce, foremost, missing_forces
 from nebosvod.fit.selection import Selected, select
 from nebosvod.fit.shared_errors import (
     PAUSE_S,
+    SURE,
     Asked,
     Footing,
     Records,
@@ -32,13 +33,14 @@ from nebosvod.fit.shared_errors import (
     shared_errors,
     tests,
 )
+from nebosvod.fit.sharpest import SHARPER, Sharpest, sharpest, sigma_rad
 from nebosvod.fit.sky import Sky
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 ROUNDS = 12
 TOGETHER = 0.3  # of the foremost station's blame: those above lose weight in the same round
-SHARPER = 0.3  # of the median sigma: a group below it that the crowd has thrown out is put back before the tests
+DOUBTED = 2.0  # sigmas among stations, from which one loses weight where sharper records that agree were thrown out
 OUTVOTED = 0.5  # of a group's records rejected, above which it was thrown out
 FREED = 3.0  # sigmas on the orbit of the others, below which a station gets its weight back
 NOTE = ", shared error"  # in the rule of its weight
@@ -84,10 +86,18 @@ class Course:
     limit: int
     skies: Callable[[Material, Correction], tuple[Sky, Sky]]
 
-    def reselected(self, wide: Sky, start: Correction, chosen: Flags) -> Selected:
+    def heard(self, sky: Sky, lean: Selected) -> Sharpest:
+        """What the sharpest records say by themselves."""
+        records = self.records
+        return sharpest(
+            sky, lean.correction.x, self.forces, self.thresholds, self.prior, records.station, records.asked
+        )  # fmt: skip
+
+    def reselected(self, wide: Sky, start: Correction, chosen: Flags, keep: Flags) -> Selected:
         """Fit and select anew from an earlier correction."""
         return select(
-            wide, start.x, self.forces, self.thresholds, selected=chosen, prior=self.prior, near=start, limit=self.limit
+            wide, start.x, self.forces, self.thresholds, selected=chosen, prior=self.prior, near=start, keep=keep,
+            limit=self.limit,
         )  # fmt: skip
 
 
@@ -132,21 +142,26 @@ def led(course: Course, now: Led, beside: Array | None = None) -> Led:
     beside : shape (n, 2, m), partials by a force that is let free in the tests, so that no station bears its blame.
     """
     original = now.wide
-    held: list[SharedError] = []
     asked = Asked(groups(original.t_s, course.records))
+    sharp = course.heard(original, now.lean)
+    held = list(sharp.errors)
+    if held and course.treatment != "told":
+        now = _lighter(course, held, original, now.lean.correction, now.lean.selected, sharp.trusted)
     for _ in range(ROUNDS):
-        start, chosen = _restored(course, now.wide, now.lean)
+        start, chosen = _restored(course, now.wide, now.lean, sharp.trusted)
         if start.S is None:
             return now
+        contested = bool((chosen & ~now.lean.selected & sharp.trusted).any())
+        aside = _marked(len(original), held) | (sharp.trusted & contested)
         footing = Footing.of(now.wide, start, chosen, course.records, beside)
-        fresh = _fresh(shared_errors(footing, course.records, asked, _marked(len(original), held)))
+        fresh = _fresh(shared_errors(footing, course.records, asked, aside, DOUBTED if contested else None))
         held += fresh
         if not fresh or course.treatment == "told":
             break
-        now = _lighter(course, held, original, start, chosen)
+        now = _lighter(course, held, original, start, chosen, sharp.trusted)
     if not held or course.treatment == "told":
         return replace(now, errors=tuple(held))
-    return _settled(course, now, original, held, beside)
+    return _settled(course, now, original, held, beside, sharp.trusted)
 
 
 def _fresh(found: list[SharedError]) -> list[SharedError]:
@@ -171,8 +186,15 @@ def _marked(n: int, errors: Iterable[SharedError]) -> Flags:
     return marked
 
 
-def _lighter(course: Course, held: list[SharedError], original: Sky, start: Correction, chosen: Flags) -> Led:
-    """The fit with every held group weighing as one record."""
+def _lighter(
+    course: Course, held: list[SharedError], original: Sky, start: Correction, chosen: Flags, trusted: Flags
+) -> Led:
+    """The fit with every held group weighing as one record.
+
+    Parameters
+    ----------
+    trusted : (n,) sharp records; kept where it is they that contradict a group which is not sure of its error itself.
+    """
     added = np.zeros((len(original), 2))
     for one in held:
         own = np.diagonal(original.R[one.rows], axis1=1, axis2=2)
@@ -182,11 +204,14 @@ def _lighter(course: Course, held: list[SharedError], original: Sky, start: Corr
         note[one.rows] = NOTE
     material = course.material.lighter(added, note)
     sky, wide = course.skies(material, start)
-    lean = course.reselected(wide, start, chosen)
+    contradicted = any(one.kind != "scatter" and one.sure < SURE for one in held)
+    lean = course.reselected(wide, start, chosen, trusted & contradicted)
     return Led(material=material, sky=sky, wide=wide, lean=lean, errors=tuple(held))
 
 
-def _settled(course: Course, now: Led, original: Sky, held: list[SharedError], beside: Array | None) -> Led:
+def _settled(
+    course: Course, now: Led, original: Sky, held: list[SharedError], beside: Array | None, trusted: Flags
+) -> Led:
     """Judge each held group anew by the orbit of the others; give its weight back, or the size found now."""
     final, changed = now.lean.correction, False
     if final.S is None:
@@ -195,6 +220,9 @@ def _settled(course: Course, now: Led, original: Sky, held: list[SharedError], b
     apart = Footing.of(original, final, now.lean.selected, course.records, beside)
     kept: list[SharedError] = []
     for one in held:
+        if one.kind == "scatter":
+            kept.append(one)
+            continue
         inside = np.zeros(len(original), dtype=np.bool_)
         inside[one.rows] = footing.selected[one.rows]
         mine = footing.B[inside]
@@ -205,7 +233,15 @@ def _settled(course: Course, now: Led, original: Sky, held: list[SharedError], b
             selected=apart.selected & ~inside,
         )
         tested = tests(without, one.rows, course.records.night[one.rows])
-        again = judged(without, one.station, one.rows, one.whole, tested, FREED)
+        again = judged(
+            without,
+            (one.station, one.rows, one.whole),
+            tested,
+            tried=one.tried,
+            least=FREED * min(one.sure / SURE, 1.0),
+        )
+        if again is None and one.sure < SURE:  # sharper records contradict it, and will again
+            again = one
         if again is None:
             changed = True
             continue
@@ -214,13 +250,18 @@ def _settled(course: Course, now: Led, original: Sky, held: list[SharedError], b
         kept.append(again)
     if not changed:
         return replace(now, errors=tuple(kept))
-    return _lighter(course, kept, original, final, now.lean.selected)
+    return _lighter(course, kept, original, final, now.lean.selected, trusted)
 
 
-def _restored(course: Course, wide: Sky, lean: Selected) -> tuple[Correction, Flags]:
-    """The correction with sharper groups put back that were thrown out; as it was where that leads nowhere."""
-    chosen = lean.selected.copy()
-    sigma = np.sqrt(np.trace(wide.R, axis1=1, axis2=2) / 2.0)
+def _restored(course: Course, wide: Sky, lean: Selected, trusted: Flags) -> tuple[Correction, Flags]:
+    """The correction with sharper groups put back that were thrown out; as it was where that leads nowhere.
+
+    Parameters
+    ----------
+    trusted : (n,) sharp records that agree with each other, put back one by one.
+    """
+    chosen = lean.selected | trusted
+    sigma = sigma_rad(wide)
     bound = SHARPER * float(np.median(sigma))
     for code in np.unique(course.records.station[~chosen & (sigma < bound)]):
         mine = np.flatnonzero((course.records.station == code) & (sigma < bound))

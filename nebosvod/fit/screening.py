@@ -51,7 +51,16 @@ class Groups:
 
 
 def promising(
-    groups: Groups, t_s: Array, night: Rows, kept: Flags, q: Array, B: Array, W: Array, rate: Array, information: Array
+    groups: Groups,
+    t_s: Array,
+    night: Rows,
+    kept: Flags,
+    q: Array,
+    B: Array,
+    W: Array,
+    rate: Array,
+    information: Array,
+    least: float = PROMISING,
 ) -> Flags:
     """Whether a bias, a drift or a clock may be significant in each of the groups (g,).
 
@@ -60,6 +69,7 @@ def promising(
     t_s, night, q, B, W, rate : of the records in the order of the groups, as in a footing.
     kept : the records that made the estimate.
     information : (s, s) of the estimate.
+    least : of the statistic.
     """
     size = np.linalg.norm(q, axis=1)
     bound = np.where(groups.sums(kept) >= FEW, TRIMMED * LEVEL * groups.middle(size, kept), np.inf)
@@ -79,7 +89,7 @@ def promising(
     nights = groups.sums(np.concatenate([[True], night[1:] != night[:-1]]))
     bias, clock, both = (_explained(M, slope, kind) for kind in (slice(0, 2), slice(4, 5), slice(0, 4)))
     best = np.maximum(np.maximum(bias, clock), np.where(np.isfinite(bias), both - bias, both))
-    return np.asarray(best > PROMISING * _scatter(left, count, nights))
+    return np.asarray(best > least * _scatter(left, count, nights))
 
 
 def _whitening(information: Array) -> Array:

@@ -42,6 +42,7 @@ def select(
     selected: Flags | None = None,
     prior: Knowledge | None = None,
     near: Correction | None = None,
+    keep: Flags | None = None,
     limit: int = LIMIT,
 ) -> Selected:
     """Fit with rejection and recovery of observations.
@@ -52,6 +53,7 @@ def select(
     thresholds : None keeps every observation.
     selected : shape (n,), which count at first; all by default.
     near : an earlier correction of the same directions, whose steps and light times are used again.
+    keep : shape (n,), which are never left out.
 
     Notes
     -----
@@ -62,10 +64,11 @@ def select(
     least = min(len(sky), len(x) // 2 + 1)
     history: list[Flags] = []
     held = np.zeros(len(sky), dtype=bool)
+    kept = held if keep is None else keep
     found = correct(sky, x, forces, selected=chosen, prior=prior, near=near, limit=limit)
     chi2 = judged(sky, found, chosen)
     while thresholds is not None and found.S is not None and len(history) < ROUNDS:
-        latest = reselect(chi2, chosen, thresholds, least, held)
+        latest = reselect(chi2, chosen, thresholds, least, held | kept)
         if np.array_equal(latest, chosen):
             break
         if settled(history, latest) and not held.any():

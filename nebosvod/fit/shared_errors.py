@@ -1,8 +1,8 @@
 """Errors that the records of a station share: a bias, its drift, a late clock, a slow wander; each by a score test.
 
 A weight says that errors are drawn anew at each record. Where a station's records share one, they weigh too much: a
-thousand of them outvote better data, which then look like gross errors. Every station, and each of its visits (records
-without a pause of `PAUSE_S`), is asked on the converged fit whether a shared error would explain its residuals.
+thousand of them outvote better data, which then look like gross errors. Every station, each of its visits (records
+without a pause of `PAUSE_S`) and each night is asked on the converged fit whether one would explain its residuals.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -12,9 +12,9 @@ import numpy as np
 import numpy.typing as npt
 
 from nebosvod.errors import counted
-from nebosvod.estimation.score import Score, score_test
+from nebosvod.estimation.score import Score, alone, among, score_test
 from nebosvod.fit.correction import Correction
-from nebosvod.fit.screening import Groups, promising
+from nebosvod.fit.screening import PROMISING, Groups, promising
 from nebosvod.fit.sky import Sky
 from nebosvod.timescale import SECONDS_PER_DAY
 
@@ -22,6 +22,7 @@ Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 Rows = npt.NDArray[np.int64]
 ARCSEC = np.pi / 648000.0
+BASIC = ("bias", "clock", "drift")  # kinds that are asked of every group
 PAUSE_S = 30.0 * SECONDS_PER_DAY
 SURE = 5.0  # sigmas of a shared error, from which a station's weights are not believed
 LEAST = 3  # records that share an error
@@ -62,9 +63,10 @@ class SharedError:
     rows : (m,) its records, rejected ones included.
     span_s : first and last of them, after the epoch of the sky.
     whole : whether these are all the records of the station.
-    kind : bias, drift, clock or wander.
+    kind : bias, drift, clock or wander; scatter where the sigmas are too small by a factor, which is the estimate.
     significance : of each kind by itself, sigmas; of a drift beside a bias.
     estimate, sigma : of the best: arcsec, arcsec/d, s; RA cos Dec and Dec where there are two.
+    tried : number of tests that were made on the way, of every kind and group.
     merit : chi squared explained, in units of the scatter, less ln(2m) for each parameter.
     size_rad : (2,) root mean square of the error over the records, RA cos Dec and Dec.
     worth : mean standard deviation of its records, rad.
@@ -78,6 +80,7 @@ class SharedError:
     significance: dict[str, float]
     estimate: tuple[float, ...]
     sigma: tuple[float, ...]
+    tried: int
     merit: float
     size_rad: Array
     worth: float
@@ -86,6 +89,11 @@ class SharedError:
     def sure(self) -> float:
         """Significance of the kind that explains it best."""
         return self.significance[self.kind]
+
+    @property
+    def corrected(self) -> float:
+        """The same as the largest of all tests that were made: sigmas that are as rare among so many."""
+        return among(self.sure, self.tried)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -163,6 +171,7 @@ class Asked:
 
     def __init__(self, found: Iterable[tuple[str, Rows, bool]]) -> None:
         self.groups = list(found)
+        self.tried = sum(len(BASIC) if len(rows) > LEAST else len(BASIC) - 1 for _, rows, _ in self.groups)
         self.quiet: dict[int, _Quiet] = {}
 
     def unchanged(self, number: int, footing: Footing) -> bool:
@@ -175,22 +184,29 @@ class Asked:
         )
 
 
-def shared_errors(footing: Footing, records: Records, asked: Asked, aside: Flags | None = None) -> list[SharedError]:
-    """Every station and visit whose records share an error with more than `SURE` sigmas, the foremost first.
+def shared_errors(
+    footing: Footing, records: Records, asked: Asked, aside: Flags | None = None, doubted: float | None = None
+) -> list[SharedError]:
+    """Every station, visit and night whose records share an error with more than `SURE` sigmas, the foremost first.
 
     Parameters
     ----------
     asked : the groups of the same records; remembers which were quiet.
     aside : (n,) records whose groups need not be asked.
+    doubted : ask whole stations only, and list those that have so many sigmas among them.
     """
     numbers = [k for k, (_, rows, _) in enumerate(asked.groups) if aside is None or not aside[rows].any()]
+    least, screen = SURE, PROMISING
+    if doubted is not None:
+        numbers = [k for k in numbers if asked.groups[k][2]]
+        least, screen = min(SURE, alone(doubted, len(BASIC) * len(numbers))), 0.5 * PROMISING
     found = []
-    for k, worth in zip(numbers, _promising(footing, records, [asked.groups[k][1] for k in numbers])):
-        if not worth or asked.unchanged(k, footing):
+    for k, worth in zip(numbers, _promising(footing, records, [asked.groups[k][1] for k in numbers], screen)):
+        if not worth or (doubted is None and asked.unchanged(k, footing)):
             continue
-        code, rows, whole = asked.groups[k]
+        rows = asked.groups[k][1]
         tested = tests(footing, rows, records.night[rows])
-        one = judged(footing, code, rows, whole, tested)
+        one = judged(footing, asked.groups[k], tested, tried=asked.tried, least=least)
         if one is None:
             margin = CALM * (SURE - tested.surest) * np.sqrt(min(tested.scatter, 1.0))
             asked.quiet[k] = _Quiet(q=footing.q[rows], selected=footing.selected[rows], margin=margin)
@@ -209,7 +225,7 @@ def blame(one: SharedError) -> float:
 
 
 def groups(t_s: Array, records: Records) -> Iterator[tuple[str, Rows, bool]]:
-    """Stations with their records, and their visits where there are several; those with at least `LEAST` records."""
+    """Stations with their records, their visits and nights where there are several, of at least `LEAST` records."""
     order = np.lexsort((t_s, records.station))
     station = records.station[order]
     edges = np.flatnonzero(np.concatenate([[True], station[1:] != station[:-1], [True]]))
@@ -219,12 +235,22 @@ def groups(t_s: Array, records: Records) -> Iterator[tuple[str, Rows, bool]]:
             continue
         code = str(station[first])
         yield code, rows, True
-        visits = np.split(rows, np.flatnonzero(np.diff(t_s[rows]) > PAUSE_S) + 1)
-        if len(visits) > 1:
-            yield from ((code, visit, False) for visit in visits if len(visit) >= LEAST)
+        for part in parts(t_s[rows], records.night[rows]):
+            if len(part) >= LEAST:
+                yield code, rows[part], False
 
 
-def _promising(footing: Footing, records: Records, asked: Sequence[Rows]) -> Flags:
+def parts(t_s: Array, night: Rows) -> Iterator[Rows]:
+    """Visits of a station, and nights of visits, as places in its records (in the order of time); no part twice."""
+    edges = np.flatnonzero(np.diff(t_s) > PAUSE_S) + 1
+    visits = np.split(np.arange(len(t_s)), edges)
+    yield from visits if len(visits) > 1 else ()
+    for visit in visits:
+        nights = np.split(visit, np.flatnonzero(np.diff(night[visit]) != 0) + 1)
+        yield from nights if len(nights) > 1 else ()
+
+
+def _promising(footing: Footing, records: Records, asked: Sequence[Rows], screen: float) -> Flags:
     """Whether a full test of each group is worth its time."""
     if not asked:
         return np.zeros(0, dtype=np.bool_)
@@ -232,7 +258,16 @@ def _promising(footing: Footing, records: Records, asked: Sequence[Rows]) -> Fla
     rows, information = every.rows, footing.information
     kept, t_s, q = footing.selected[rows], footing.t_s[rows], footing.q[rows]
     worth = promising(
-        every, t_s, records.night[rows], kept, q, footing.B[rows], footing.W[rows], footing.rate[rows], information
+        every,
+        t_s,
+        records.night[rows],
+        kept,
+        q,
+        footing.B[rows],
+        footing.W[rows],
+        footing.rate[rows],
+        information,
+        screen,
     )
     worth |= every.sums(kept) < (1.0 - DESERTED) * every.length
     for k in np.flatnonzero(~worth & (every.length >= MANY)):
@@ -272,9 +307,10 @@ def tests(footing: Footing, rows: Rows, night: Rows) -> Tests:
 
 
 def judged(
-    footing: Footing, code: str, rows: Rows, whole: bool, tested: Tests, least: float = SURE
+    footing: Footing, group: tuple[str, Rows, bool], tested: Tests, *, tried: int, least: float = SURE
 ) -> SharedError | None:
     """The kind that explains one group of records best; None where none has `least` sigmas."""
+    code, rows, whole = group
     scores, sure = tested.scores, tested.sure
     able = [kind for kind in scores if sure[kind] >= SURE] or [kind for kind in scores if sure[kind] >= least]
     if not able:
@@ -295,6 +331,7 @@ def judged(
         significance=dict(sure),
         estimate=tuple((score.estimate[shown] / unit).tolist()),
         sigma=tuple((np.sqrt(np.diag(score.covariance)[shown]) / unit).tolist()),
+        tried=tried,
         merit=merit[kind],
         size_rad=np.sqrt(np.sum(weight * error**2, axis=0) / weight.sum(axis=0)),
         worth=float(np.sqrt(np.mean(1.0 / weight))),
@@ -348,8 +385,10 @@ def inflation(one: SharedError, R: Array) -> Array:
     """Factor (2,) on the sigmas of a group, after which it weighs as one record with the size of its shared error.
 
     A mean of m records with a common error b has variance 1 / sum(1 / sigma^2) + b^2; so every sigma^2 is multiplied
-    by 1 + b^2 sum(1 / sigma^2).
+    by 1 + b^2 sum(1 / sigma^2). Sigmas that are too small are enlarged by what they lack.
     """
+    if one.kind == "scatter":
+        return np.full(2, max(one.estimate[0], 1.0))
     weight = np.sum(1.0 / np.diagonal(R[one.rows], axis1=1, axis2=2), axis=0)
     return np.asarray(np.sqrt(1.0 + one.size_rad**2 * weight), dtype=np.float64)
 
@@ -367,9 +406,16 @@ def words(one: SharedError, date: Sequence[str]) -> str:
         "bias": f"a common bias of {pairs} {unit} in RA*, Dec",
         "drift": f"a bias that drifts by {pairs} {unit} in RA*, Dec",
         "clock": f"a clock that is wrong by {pairs} {unit}",
+        "scatter": f"stated sigmas that are {one.estimate[0]:.2g} +- {one.sigma[0]:.1g} times too small",
         "wander": "a slowly changing bias of {:.2g}, {:.2g} arcsec rms".format(*one.size_rad / ARCSEC),
     }[one.kind]
     others = ", ".join(f"{name} {value:.1f}" for name, value in one.significance.items() if name != one.kind)
-    when = "" if one.whole else f" from {date[0][:10]} to {date[1][:10]}"
+    when = "" if one.whole else dates(*date)
     told = f"{one.station}, {counted(len(one.rows), 'record')}{when}: {what}, {one.sure:.1f} sigma"
-    return told + (f" ({others})" if others else "")
+    among_all = f"{one.corrected:.1f} as the surest of {one.tried} tests"
+    return f"{told} ({among_all}{'; ' if others else ''}{others})"
+
+
+def dates(first: str, last: str) -> str:
+    """First and last date of some records as a clause."""
+    return f" on {first[:10]}" if first[:10] == last[:10] else f" from {first[:10]} to {last[:10]}"

@@ -42,8 +42,11 @@ def entry(one: SharedError, epoch: Epoch) -> dict[str, Any]:
     elif one.kind in ("drift", "wander"):
         length = (one.span_s[1] - one.span_s[0]) / (1.0 if one.kind == "drift" else PARTS)
         error |= {"correlation": "gauss_markov", "time": f"{max(length, SHORTEST_S) / SECONDS_PER_DAY:.2g} d"}
+    elif one.kind == "scatter":
+        error |= {"correlation": "per_arc", "gap": "0.5 d"}
     elif not one.whole:
-        error |= {"correlation": "per_arc", "gap": "30 d"}
+        night = one.span_s[1] - one.span_s[0] < SECONDS_PER_DAY
+        error |= {"correlation": "per_arc", "gap": "0.5 d" if night else "30 d"}
     return {"stations": [one.station], group: error | {"treatment": "estimated"}}
 
 

@@ -1,10 +1,12 @@
 """Score tests against dense least squares and against drawn data."""
 
+import math
+
 import numpy as np
 import pytest
 from scipy.stats import chi2 as chi_square
 
-from nebosvod.estimation.score import score_test, sigmas
+from nebosvod.estimation.score import alone, among, score_test, sigmas
 
 
 def made(seed, n=60, s=4, k=2, truth=(0.0, 0.0), nights=20, scale=1.0):
@@ -91,3 +93,17 @@ def test_sigmas_of_one_normal_number(statistic, freedom, expected):
 def test_sigmas_grow_beyond_what_a_chance_can_be_written_as():
     values = [sigmas(value, 4) for value in (1100.0, 1270.0, 1300.0, 5000.0)]
     assert np.all(np.diff(values) > 0.0)
+
+
+@pytest.mark.parametrize(("one", "tried"), [(2.5, 1), (3.0, 40), (5.0, 2000)])
+def test_the_surest_of_many_is_as_rare_as_it_is_among_them(one, tried):
+    """Against the distribution of the largest: Phi written with the error function of the standard library."""
+    chance = 1.0 - math.erf(one / math.sqrt(2.0)) ** tried
+    assert 1.0 - math.erf(among(one, tried) / math.sqrt(2.0)) == pytest.approx(chance, rel=1e-6)
+    assert alone(among(one, tried), tried) == pytest.approx(one, rel=1e-6)
+
+
+def test_what_is_very_rare_stays_so_among_many():
+    values = [among(size, 1000) for size in (35.0, 36.0, 37.0, 40.0, 600.0)]
+    assert np.all(np.diff(values) > 0.0)
+    assert 599.9 < values[-1] < 600.0

@@ -197,6 +197,52 @@ def test_a_gross_error_among_the_sharp_is_rejected_and_no_crowd_blamed(world):
     assert np.sum(sharp & ~found.found.general.selected) == 1
 
 
+@pytest.mark.parametrize(("seed", "drift"), [(6, 0.001), (9, 0.001), (6, 0.002)])
+def test_a_drift_too_small_to_be_sure_of_does_not_throw_out_sharp_records(world, seed, drift):
+    """A thousandth of an arcsecond a day: 3 sigma. Sharp records that agree with each other are believed."""
+    rng = np.random.default_rng(seed)
+    sharp = occultations(whole_year(rng, 7))
+    rows = world.records(seed, NEAR, sharp, crowd(whole_year(rng, 1300), error=lambda day: (drift * day, 0.0)))
+    mixed = world.fit(rows, NEAR)
+    alone = world.fit([row for row in rows if row["stn"] == "275"], NEAR)
+    assert mixed.chi2 < 12.6  # 5 %; 25 while the sharp ones were rejected
+    assert mixed.sigma_km < 1.3 * alone.sigma_km
+    assert [one.kind for one in mixed.found.errors] == ["drift"]
+
+
+@pytest.mark.parametrize("seed", [4, 6])
+def test_sharp_records_whose_sigmas_are_too_small_lose_the_weight_they_claim(world, seed):
+    """Stated 0.01 arcsec, drawn with 0.03: said with its factor, and the answer is honest (chi squared was 55, 90)."""
+    rng = np.random.default_rng(seed)
+    sharp = group("275", whole_year(rng, 7), 0.03, stated=0.01, radius_km=5000.0)
+    found = world.fit(world.records(seed, NEAR, sharp, crowd(whole_year(rng, 1300))), NEAR)
+    (one,) = found.found.errors
+    assert (one.station, one.kind) == ("275", "scatter")
+    assert one.estimate[0] == pytest.approx(3.0, abs=2.0 * one.sigma[0])
+    assert found.chi2 < 12.6
+    assert not found.found.verdict.failed
+    assert found.found.general.selected[found.found.material.astrometry.station == "275"].all()
+    assert any("times too small" in text and "enlarged" in text for text in found.found.verdict.cautions)
+
+
+def test_a_single_night_is_asked_by_itself_and_told_when_it_is_rejected(world):
+    """One night of one site off by 1.2 arcsec at 0.3 each, another by 40; both have other nights that are good."""
+    rng = np.random.default_rng(6)
+    groups = site_records(rng, 1.0, 0.3, 0.3)
+    first, second = float(groups[0].days[24]), float(groups[1].days[24])
+    groups[0].error = lambda day: (1.0, -1.0) if abs(day - first) < 0.3 else (0.0, 0.0)
+    groups[1].error = lambda day: (40.0, -35.0) if abs(day - second) < 0.3 else (0.0, 0.0)
+    rows = world.records(6, BELT, *groups)
+    shared = {one.station: one for one in world.fit(rows, BELT).found.errors}
+    for code, error in (("F51", (1.0, -1.0)), ("G96", (40.0, -35.0))):
+        assert len(shared[code].rows) == 4
+        assert shared[code].kind == "bias"
+        assert 5.0 < shared[code].corrected < shared[code].sure
+        np.testing.assert_allclose(shared[code].estimate, error, atol=4.0 * max(shared[code].sigma))
+    unasked = world.fit(rows, BELT, fit={"shared_errors": {"treatment": "off"}}).found.verdict.cautions
+    assert any(text.startswith("every one of 4 records of G96 on ") for text in unasked)
+
+
 def drifting_sector(world, seed=11):
     """Seven sharp records and a visit of 400 that drifts."""
     rng = np.random.default_rng(seed)
