@@ -8,6 +8,6 @@ from pathlib import Path
 if not sys.flags.safe_path and sys.path and Path(__file__).resolve().parent.parent != Path(sys.path[0]).resolve():
     del sys.path[0]
 
-from nebosvod.cli import main
+from nebosvod.cli import entry
 
-sys.exit(main())
+entry()

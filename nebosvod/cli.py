@@ -10,7 +10,6 @@ file is written); 130 interrupted.
 
 import json
 import os
-import signal
 import sys
 import tempfile
 import traceback
@@ -23,8 +22,9 @@ import click
 
 from nebosvod import __version__
 from nebosvod.errors import InputError, NebosvodError, NebosvodNotice, notes_of
+from nebosvod.interrupts import EXIT_INTERRUPTED, end, interruptible
 
-EXIT_QUALITY, EXIT_INPUT, EXIT_ENVIRONMENT, EXIT_INTERNAL, EXIT_INTERRUPTED = 1, 2, 3, 4, 130
+EXIT_QUALITY, EXIT_INPUT, EXIT_ENVIRONMENT, EXIT_INTERNAL = 1, 2, 3, 4
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 
 
@@ -385,11 +385,6 @@ def _crash_file(argv: Sequence[str]) -> Path | None:
     return Path(name)
 
 
-def _interrupt(signum: int, frame: object) -> NoReturn:
-    """SIGTERM is handled like Ctrl-C, so that nothing half-written is left."""
-    raise KeyboardInterrupt
-
-
 def _invoke(argv: Sequence[str]) -> int:
     """Run click without its own exits; the command's return value is the exit code."""
     code: Any = app.main(args=list(argv), prog_name="nebosvod", standalone_mode=False)
@@ -406,18 +401,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     debug = "--debug" in argv
     argv = [word for word in argv if word != "--debug"]  # so that it may stand anywhere
-    try:
-        before = signal.signal(signal.SIGTERM, _interrupt)
-    except ValueError:  # not in the main thread: signals are the host program's business
-        before = None
-    try:
-        with patient_streams(), warnings.catch_warnings():
-            show = warnings.showwarning
-            warnings.showwarning = lambda message, kind, *place: _show_warning(show, message, kind, *place)
-            return _answered(argv, debug)
-    finally:
-        if before is not None:
-            signal.signal(signal.SIGTERM, before)
+    with interruptible(), patient_streams(), warnings.catch_warnings():
+        show = warnings.showwarning
+        warnings.showwarning = lambda message, kind, *place: _show_warning(show, message, kind, *place)
+        return _answered(argv, debug)
+
+
+def entry() -> NoReturn:
+    """The program: `main`, and the end of the process with its exit code."""
+    end(main())
 
 
 def _show_warning(show: Callable[..., None], message: Warning | str, kind: type[Warning], *place: Any) -> None:
