@@ -15,19 +15,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from nebosvod.estimation import (
-    Block,
-    Estimate,
-    LinearProblem,
-    Markov,
-    Prior,
-    White,
-    batch,
-    kalman,
-    recursive,
-    separated,
-    sequential,
-)
+from nebosvod.estimation import Block, Estimate, LinearProblem, Markov, Prior, White
+from nebosvod.estimation.filters import kalman
+from nebosvod.estimation.solvers import batch, recursive, separated, sequential
 
 SOLVERS: dict[str, tuple[Callable[[LinearProblem], Estimate], str, int]] = {
     "batch qr": (batch.solve, "white", 6),

@@ -22,14 +22,14 @@ import numpy as np
 
 from nebosvod.dynamics import Ephemeris, ForceModel, propagate
 from nebosvod.dynamics.constants import AU_KM
-from nebosvod.estimation.square_root import lower_factor
-from nebosvod.fit.correction import Correction, correct
-from nebosvod.fit.sky import Sky, look
+from nebosvod.estimation.problem.square_root import lower_factor
+from nebosvod.fits.correction import Correction, correct
 from nebosvod.observation import GroundSite, Telescope, observe
-from nebosvod.observation.astrometry import merge
-from nebosvod.observation.direction import offset
-from nebosvod.observation.observers import telescopes
-from nebosvod.observation.records import Astrometry
+from nebosvod.observation.formats.records import Astrometry
+from nebosvod.observation.measurement.astrometry import merge
+from nebosvod.observation.measurement.direction import offset
+from nebosvod.observation.measurement.exposures import Sky, look
+from nebosvod.observation.reduction.observers import telescopes
 from nebosvod.timescale import SECONDS_PER_DAY, Epoch
 
 ARCSEC = np.pi / 648000.0
@@ -130,10 +130,10 @@ def slope(forces: ForceModel, repeats: int) -> float:
 
 def many(forces: ForceModel, objects: int, observations: int, years: float, given: bool) -> float:
     """Fit many objects with progress, from their records alone or from orbits 1e-4 au off; prints and returns s."""
-    from nebosvod.fit.answer import answer
-    from nebosvod.fit.engine import fit_object
-    from nebosvod.fit.outcome import mission_of
-    from nebosvod.fit.summary import summarise
+    from nebosvod.fits.answer import answer
+    from nebosvod.fits.engine import fit_object
+    from nebosvod.results.fit_outcome import mission_of
+    from nebosvod.results.fit_summary import summarise
 
     rng = np.random.default_rng(1)
     states = list(orbits().values())

@@ -11,13 +11,13 @@ from pathlib import Path
 
 import numpy as np
 
-from nebosvod.assembly import computed_psi, nominal_point, view
+from nebosvod.engine.assembly import computed_psi, nominal_point, view
+from nebosvod.engine.trial import Setting, generator, measured_truth
 from nebosvod.mission import load_mission
 from nebosvod.observation import residual
-from nebosvod.prior import prior_table
-from nebosvod.scene import build_scene
-from nebosvod.trial import Setting, generator, measured_truth
-from nebosvod.validate import validate
+from nebosvod.scene.prior import prior_table
+from nebosvod.scene.scene import build_scene
+from nebosvod.studies.validation import validate
 
 
 def main() -> None:

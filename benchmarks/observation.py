@@ -39,7 +39,7 @@ from nebosvod.observation import (
     sight,
     table,
 )
-from nebosvod.observation.spacecraft import turn_about_ecliptic_pole
+from nebosvod.observation.spacecraft.kinds import turn_about_ecliptic_pole
 from nebosvod.timescale import Epoch
 
 EPOCH = Epoch.parse("2020-11-15T00:00:00 TDB")

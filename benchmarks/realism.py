@@ -25,12 +25,13 @@ import numpy.typing as npt
 
 from nebosvod.dynamics import Ephemeris, ForceModel, propagate
 from nebosvod.errors import CoverageError, EventError
-from nebosvod.estimation import Status, ellipse
-from nebosvod.fit.correction import Correction, correct
-from nebosvod.fit.engine import fit_object
-from nebosvod.fit.outcome import mission_of
-from nebosvod.fit.sky import Look, Sky, look
-from nebosvod.observation.astrometry_files import read_astrometry
+from nebosvod.estimation import Status
+from nebosvod.estimation.accuracy import ellipse
+from nebosvod.fits.correction import Correction, correct
+from nebosvod.fits.engine import fit_object
+from nebosvod.observation.formats.reading import read_astrometry
+from nebosvod.observation.measurement.exposures import Look, Sky, look
+from nebosvod.results.fit_outcome import mission_of
 from nebosvod.timescale import SECONDS_PER_DAY
 
 Array = npt.NDArray[np.float64]

@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from nebosvod.borders.quantities import bordered
 from nebosvod.dynamics import integrator
 from nebosvod.dynamics.collision import IMPACT_TIDE
 from nebosvod.dynamics.constants import DAY_S, RADIUS_KM
@@ -28,7 +29,6 @@ from nebosvod.dynamics.surface import SURFACE_KM
 from nebosvod.dynamics.trajectory import Trajectory
 from nebosvod.dynamics.workspace import Samples, Steps
 from nebosvod.errors import EventError, ImpactError, InputError, listed
-from nebosvod.quantities import bordered
 from nebosvod.timescale import Epoch
 
 Array = npt.NDArray[np.float64]

@@ -15,9 +15,9 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 
+from nebosvod.borders.quantities import STATE, bordered
 from nebosvod.dynamics.twobody import Analytic, fictitious_time, universal
 from nebosvod.errors import GeometryError, InputError
-from nebosvod.quantities import STATE, bordered
 
 Array = npt.NDArray[np.float64]
 STEP = 1e-40  # of the complex step: its square vanishes, whatever the unit of the element

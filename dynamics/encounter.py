@@ -15,13 +15,13 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
+from nebosvod.borders.quantities import bordered
 from nebosvod.dynamics.constants import DAY_S
 from nebosvod.dynamics.ephemeris import Ephemeris
 from nebosvod.dynamics.surface import height_km, radius_km
 from nebosvod.dynamics.trajectory import Trajectory
 from nebosvod.dynamics.twobody import Analytic
 from nebosvod.errors import GeometryError, InputError
-from nebosvod.quantities import bordered
 from nebosvod.timescale import Epoch
 
 Array = npt.NDArray[np.float64]

@@ -20,10 +20,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from nebosvod.borders.quantities import bordered
 from nebosvod.dynamics.constants import DAY_S, J2000_JD
 from nebosvod.dynamics.spkfile import Series, read_series
 from nebosvod.errors import CoverageError, DataError, InputError
-from nebosvod.quantities import bordered
 from nebosvod.timescale import Epoch
 
 Array = npt.NDArray[np.float64]

@@ -9,6 +9,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from nebosvod.borders.quantities import bordered
 from nebosvod.dynamics import nongrav as nongrav_module
 from nebosvod.dynamics import radiation as radiation_module
 from nebosvod.dynamics.constants import (
@@ -22,7 +23,6 @@ from nebosvod.dynamics.ephemeris import ASTEROIDS, PLANETS, Ephemeris, Window
 from nebosvod.dynamics.nongrav import Nongrav
 from nebosvod.dynamics.radiation import SHADOW_RANGE_KM, RadiationPressure
 from nebosvod.errors import InputError
-from nebosvod.quantities import bordered
 from nebosvod.timescale import Epoch
 
 Array = npt.NDArray[np.float64]

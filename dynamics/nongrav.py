@@ -15,10 +15,10 @@ from types import MappingProxyType
 import numpy as np
 import numpy.typing as npt
 
+from nebosvod.borders.quantities import bordered_fields
 from nebosvod.dynamics.compilation import inlined_kernel
 from nebosvod.dynamics.constants import AU_KM
 from nebosvod.errors import InputError
-from nebosvod.quantities import bordered_fields
 
 Array = npt.NDArray[np.float64]
 PARAMETERS = ("a1_au_d2", "a2_au_d2", "a3_au_d2")

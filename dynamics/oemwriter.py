@@ -1,7 +1,7 @@
 """Write a trajectory as a CCSDS Orbit Ephemeris Message (OEM 2.0, KVN; CCSDS 502.0-B-2), with covariance.
 
 Times are TDB, states heliocentric ICRF in km and km/s, covariances in km^2, km^2/s, km^2/s^2, as the standard has it.
-`nebosvod.observation.oem.read_oem` reads it back.
+`nebosvod.observation.spacecraft.oem.read_oem` reads it back.
 """
 
 import re
@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from nebosvod.borders.wholefile import write_whole
 from nebosvod.dynamics.trajectory import Trajectory
 from nebosvod.errors import InputError
 from nebosvod.timescale import Epoch
-from nebosvod.wholefile import write_whole
 
 Array = npt.NDArray[np.float64]
 _CREATED = re.compile(r"[0-9]{4}-[0-9]{2}-[0-9]{2}T[0-9]{2}:[0-9]{2}:[0-9]{2}(\.[0-9]+)?")

@@ -6,6 +6,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
+from nebosvod.borders.quantities import bordered
 from nebosvod.dynamics import integrator
 from nebosvod.dynamics.collision import require_no_impact, require_start_above
 from nebosvod.dynamics.dense import join
@@ -14,7 +15,6 @@ from nebosvod.dynamics.model import ForceModel, Physics
 from nebosvod.dynamics.trajectory import Trajectory, make_trajectory
 from nebosvod.dynamics.workspace import NO_NODES, NO_SAMPLES, NO_STEPS, Steps
 from nebosvod.errors import EventError, InputError
-from nebosvod.quantities import bordered
 from nebosvod.timescale import Epoch
 
 Array = npt.NDArray[np.float64]

@@ -18,10 +18,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from nebosvod.borders.quantities import bordered_fields
 from nebosvod.dynamics.compilation import inlined_kernel
 from nebosvod.dynamics.constants import RADIUS_KM
 from nebosvod.errors import InputError
-from nebosvod.quantities import bordered_fields
 
 Array = npt.NDArray[np.float64]
 PARAMETERS = ("radius_m", "mass_kg", "albedo", "thermal_emission")

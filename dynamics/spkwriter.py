@@ -23,10 +23,10 @@ import numpy.typing as npt
 from jplephem.daf import DAF
 from numpy.polynomial.chebyshev import chebval, chebvander
 
+from nebosvod.borders.wholefile import whole_file
 from nebosvod.dynamics.constants import DAY_S, J2000_JD
 from nebosvod.dynamics.trajectory import Trajectory
 from nebosvod.errors import InputError
-from nebosvod.wholefile import whole_file
 
 Array = npt.NDArray[np.float64]
 Piece = tuple[float, float, Array]  # begin and length in TDB seconds since J2000, coefficients (6, 16)

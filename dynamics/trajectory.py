@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from nebosvod.borders.quantities import bordered
 from nebosvod.dynamics.dense import StepTable
 from nebosvod.dynamics.model import ForceModel
 from nebosvod.errors import CoverageError, InputError
-from nebosvod.quantities import bordered
 from nebosvod.timescale import Epoch
 
 Array = npt.NDArray[np.float64]

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from nebosvod.borders.quantities import STATE, bordered
 from nebosvod.errors import InputError
-from nebosvod.quantities import STATE, bordered
 
 Array = npt.NDArray[np.float64]
 # A real or complex number or array: the same formula serves values and complex-step derivatives

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from nebosvod.estimation import Block, Estimate, LinearProblem, batch
+from nebosvod.estimation import Block, Estimate, LinearProblem
+from nebosvod.estimation.solvers import batch
 
 Array = npt.NDArray[np.float64]
 MU_EARTH = 398600.4418  # km3/s2, EGM2008

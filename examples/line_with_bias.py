@@ -8,7 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nebosvod.estimation import Block, LinearProblem, Prior, Treatment, batch, two_stage
+from nebosvod.estimation import Block, LinearProblem, Prior, Treatment
+from nebosvod.estimation.filters import two_stage
+from nebosvod.estimation.solvers import batch
 
 
 @dataclass(frozen=True)

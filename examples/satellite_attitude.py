@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from nebosvod.estimation import kalman
-from nebosvod.estimation.kalman import Belief
+from nebosvod.estimation.filters import kalman
+from nebosvod.estimation.filters.kalman import Belief
 
 Array = npt.NDArray[np.float64]
 SUN = np.array([1.0, 0.0, 0.0])

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from nebosvod.estimation import kalman
-from nebosvod.estimation.combined import GridBlock, adapt, equivalent_measurement
-from nebosvod.estimation.kalman import Belief
+from nebosvod.estimation.filters import kalman
+from nebosvod.estimation.filters.combined import GridBlock, adapt, equivalent_measurement
+from nebosvod.estimation.filters.kalman import Belief
 
 Array = npt.NDArray[np.float64]
 T = np.linspace(-0.05, 0.05, 15)

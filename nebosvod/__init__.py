@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from nebosvod.mission import load_mission
     from nebosvod.pipeline import run
-    from nebosvod.result import Result
+    from nebosvod.results.result import Result
 
 # At the root of a checkout this folder goes before an installed package, and its stages stand beside it, not inside.
 _CHECKOUT = Path(__file__).resolve().parent.parent
@@ -20,7 +20,7 @@ if (_CHECKOUT / "pyproject.toml").is_file() and (_CHECKOUT / "dynamics" / "__ini
 __version__ = "0.1.0"
 __all__ = ["Result", "__version__", "load_mission", "run"]
 
-_HOME = {"load_mission": "nebosvod.mission", "run": "nebosvod.pipeline", "Result": "nebosvod.result"}
+_HOME = {"load_mission": "nebosvod.mission", "run": "nebosvod.pipeline", "Result": "nebosvod.results.result"}
 
 
 def __getattr__(name: str) -> Any:

@@ -21,8 +21,8 @@ from typing import Any, NoReturn
 import click
 
 from nebosvod import __version__
+from nebosvod.borders.interrupts import EXIT_INTERRUPTED, end, interruptible
 from nebosvod.errors import InputError, NebosvodError, NebosvodNotice, notes_of
-from nebosvod.interrupts import EXIT_INTERRUPTED, end, interruptible
 
 EXIT_QUALITY, EXIT_INPUT, EXIT_ENVIRONMENT, EXIT_INTERNAL = 1, 2, 3, 4
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
@@ -64,9 +64,9 @@ def run(mission: str, output: Path | None, seed: int, overwrite: bool, as_json: 
     \b
     Example:  nebosvod run apophis-2029 -o apophis --seed 1
     """
+    from nebosvod.commands.progress import stages
     from nebosvod.mission import load_mission
-    from nebosvod.progress import stages
-    from nebosvod.result import RunFolder, default_folder
+    from nebosvod.results.result import RunFolder, default_folder
 
     loaded = load_mission(mission)
     folder = output if output is not None else default_folder(loaded.slug)
@@ -79,7 +79,7 @@ def run(mission: str, output: Path | None, seed: int, overwrite: bool, as_json: 
     if as_json:
         click.echo(result.summary_text(), nl=False)
     else:
-        from nebosvod.answer import print_answer
+        from nebosvod.commands.run_answer import print_answer
 
         print_answer(result.summary, folder)
     return EXIT_QUALITY if result.failed else 0
@@ -89,12 +89,12 @@ def run(mission: str, output: Path | None, seed: int, overwrite: bool, as_json: 
 @click.argument("mission")
 def check(mission: str) -> int:
     """Validate MISSION, print what it resolves to and what it will cost; run nothing."""
+    from nebosvod.commands.resolved import describe
     from nebosvod.mission import FitMission, load_any
-    from nebosvod.resolved import describe
 
     loaded = load_any(mission)
     if isinstance(loaded, FitMission):
-        from nebosvod.fit.resolved import describe_fit
+        from nebosvod.commands.fit_resolved import describe_fit
 
         click.echo(describe_fit(loaded))
     else:
@@ -106,8 +106,8 @@ def check(mission: str) -> int:
 @click.argument("path", type=click.Path(path_type=Path))
 def init(path: Path) -> int:
     """Write a commented mission to PATH (a new .yaml file) to start from."""
+    from nebosvod.borders.wholefile import write_new_text
     from nebosvod.mission import template_text
-    from nebosvod.wholefile import write_new_text
 
     if path.suffix not in (".yaml", ".yml"):
         raise InputError(f"{path}: a mission file ends in .yaml; try: nebosvod init {path}.yaml")
@@ -156,16 +156,16 @@ def validate(
     \b
     Example:  nebosvod validate minimal --runs 2000
     """
+    from nebosvod.commands.progress import counting
+    from nebosvod.commands.validate_answer import print_validation
     from nebosvod.mission import load_mission
-    from nebosvod.progress import counting
     from nebosvod.report.validation_page import write_validation_report
-    from nebosvod.result import json_text
-    from nebosvod.trust_answer import print_validation
+    from nebosvod.results.result import json_text
 
     loaded = load_mission(mission)
     folder = output if output is not None else Path(f"{loaded.slug}-validation")
     with counting("runs") as progress:
-        from nebosvod.validate import validate as validate_mission
+        from nebosvod.studies.validation import validate as validate_mission
 
         found = validate_mission(
             loaded,
@@ -227,13 +227,13 @@ def plan(
     \b
     Example:  nebosvod plan apophis-2029 --prediction encounter --visits 5
     """
+    from nebosvod.borders.wholefile import require_places, write_new_text
+    from nebosvod.commands.plan_answer import print_plan
+    from nebosvod.commands.progress import stages
     from nebosvod.mission import load_mission
-    from nebosvod.plan import plan as plan_mission
-    from nebosvod.plan import read_wish
-    from nebosvod.plan_answer import print_plan
-    from nebosvod.progress import stages
-    from nebosvod.result import json_text
-    from nebosvod.wholefile import require_places, write_new_text
+    from nebosvod.planning.planner import plan as plan_mission
+    from nebosvod.planning.planner import read_wish
+    from nebosvod.results.result import json_text
 
     require_places(output, page)
     loaded = load_mission(mission)
@@ -266,11 +266,11 @@ def compare(folders: tuple[Path, ...], page: Path | None, as_json: bool) -> int:
     \b
     Example:  nebosvod compare apophis-2029-run apophis-heliocentric-run
     """
-    from nebosvod.compare import compare as compare_runs
-    from nebosvod.compare_answer import print_comparison
-    from nebosvod.result import json_text
-    from nebosvod.stored import changed_said, held_together
-    from nebosvod.wholefile import require_places, write_new_text
+    from nebosvod.borders.stored import changed_said, held_together
+    from nebosvod.borders.wholefile import require_places, write_new_text
+    from nebosvod.commands.compare_answer import print_comparison
+    from nebosvod.results.compare import compare as compare_runs
+    from nebosvod.results.result import json_text
 
     require_places(page)
     found = compare_runs(folders)
@@ -295,8 +295,8 @@ def compare(folders: tuple[Path, ...], page: Path | None, as_json: bool) -> int:
 @click.option("--pdf", is_flag=True, help="Also print it to report.pdf, by a Chromium of this machine.")
 def report(folder: Path, pdf: bool) -> int:
     """(Re)make report.html of the run in FOLDER, from the files of the run alone."""
-    from nebosvod.result import rewrite_report
-    from nebosvod.wholefile import refuse_link
+    from nebosvod.borders.wholefile import refuse_link
+    from nebosvod.results.result import rewrite_report
 
     if folder.is_symlink():
         refuse_link(folder, folder.lstat().st_mode)
@@ -311,7 +311,7 @@ def report(folder: Path, pdf: bool) -> int:
 @click.option("--fit", "of_fit", is_flag=True, help="Of a file for nebosvod fit.")
 def schema(of_fit: bool) -> int:
     """Print the JSON Schema of the mission file."""
-    from nebosvod.mission.schema import fit_schema, mission_schema
+    from nebosvod.mission.reading.schema import fit_schema, mission_schema
 
     click.echo(json.dumps(fit_schema() if of_fit else mission_schema(), indent=2, ensure_ascii=False))
     return 0
@@ -359,8 +359,8 @@ def fit(
     Example:  nebosvod fit 2023DW.obs80
               nebosvod fit mission.yaml -o dw --overwrite
     """
-    from nebosvod.fit.command import fit_every, fit_one, resolved
-    from nebosvod.progress import stages
+    from nebosvod.commands.fit_command import fit_every, fit_one, resolved
+    from nebosvod.commands.progress import stages
 
     mission = resolved(files, designations, since, until)
     folder = output if output is not None else Path(f"{mission.slug}-fit")
@@ -393,7 +393,7 @@ def _invoke(argv: Sequence[str]) -> int:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program on `argv` (default: the command line) and return its exit code."""
-    from nebosvod.streams import patient_streams
+    from nebosvod.borders.streams import patient_streams
 
     argv = sys.argv[1:] if argv is None else argv
     # matrices of a mission are small: threads of the linear algebra cost more than they bring, up to ten times where

@@ -12,21 +12,21 @@ import numpy as np
 import numpy.typing as npt
 
 from nebosvod import __version__
-from nebosvod.assembly import View, computed_psi, linear_problem, nominal_point, view
-from nebosvod.assessment import assess
-from nebosvod.distance import unknown_distance
+from nebosvod.engine.assembly import View, computed_psi, linear_problem, nominal_point, view
+from nebosvod.engine.fitting import Fit, fit
+from nebosvod.engine.montecarlo import Sample, consistency, consistency_block, repeat_all
+from nebosvod.engine.truth import draw
 from nebosvod.estimation import Status
-from nebosvod.fitting import Fit, fit
-from nebosvod.foretold import foretell
+from nebosvod.findings.assessment import assess
+from nebosvod.findings.distance import unknown_distance
+from nebosvod.findings.foretold import foretell
 from nebosvod.mission import Mission
-from nebosvod.mission.reading import require_mission
-from nebosvod.montecarlo import Sample, consistency, consistency_block, repeat_all
-from nebosvod.prior import PriorTable, prior_table
-from nebosvod.result import Result
-from nebosvod.scene import Scene, build_scene
-from nebosvod.summary import summarise
-from nebosvod.tables import all_arrays, all_tables
-from nebosvod.truth import draw
+from nebosvod.mission.reading.reader import require_mission
+from nebosvod.results.result import Result
+from nebosvod.results.run_summary import summarise
+from nebosvod.results.run_tables import all_arrays, all_tables
+from nebosvod.scene.prior import PriorTable, prior_table
+from nebosvod.scene.scene import Scene, build_scene
 
 Array = npt.NDArray[np.float64]
 LIBRARIES = ("numpy", "scipy", "astropy", "jplephem", "numba", "pyerfa", "matplotlib")

@@ -17,7 +17,7 @@ import pytest
 from nebosvod import load_mission
 from nebosvod.cli import main
 from nebosvod.mission import mission_schema
-from nebosvod.result import Result
+from nebosvod.results.result import Result
 
 ROOT = Path(__file__).parent.parent
 PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md")])

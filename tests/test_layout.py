@@ -10,7 +10,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
 STAGES = ("dynamics", "observation", "estimation", "nebosvod")
-LEAVES = ("nebosvod.errors", "nebosvod.timescale", "nebosvod.quantities", "nebosvod.wholefile")
+LEAVES = ("nebosvod.errors", "nebosvod.timescale", "nebosvod.borders.quantities", "nebosvod.borders.wholefile")
 MAY_IMPORT = {
     "dynamics": {"dynamics"},
     "observation": {"dynamics", "observation"},

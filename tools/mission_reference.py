@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from nebosvod.mission.schema import mission_schema
+from nebosvod.mission.reading.schema import mission_schema
 
 PAGE = Path(__file__).parent.parent / "docs" / "mission-reference.md"
 HEAD = """# Every key of the mission file

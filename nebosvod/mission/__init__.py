@@ -3,12 +3,13 @@
 The table of contents of this package; see docs/mission.md for the file and the attributes of `Mission`.
 """
 
-from nebosvod.mission.builtin import list_missions, template_text
-from nebosvod.mission.cost import Cost, estimate_cost
 from nebosvod.mission.fields import Treatment
 from nebosvod.mission.fit import FitMission
 from nebosvod.mission.model import SCHEMA_VERSION, CovariancePrior, Mission
-from nebosvod.mission.reading import load_any, load_fit, load_mission, load_mission_text
+from nebosvod.mission.reading.builtin import list_missions, template_text
+from nebosvod.mission.reading.cost import Cost, estimate_cost
+from nebosvod.mission.reading.reader import load_any, load_fit, load_mission, load_mission_text
+from nebosvod.mission.reading.schema import mission_schema
 from nebosvod.mission.request import (
     Arc,
     EncounterPrediction,
@@ -18,7 +19,6 @@ from nebosvod.mission.request import (
     SkyPrediction,
     StatePrediction,
 )
-from nebosvod.mission.schema import mission_schema
 from nebosvod.mission.sources import Shared, Source
 from nebosvod.mission.spacecraft import Geostationary, Heliocentric
 from nebosvod.mission.target import Parameter, Target

@@ -12,11 +12,11 @@ import numpy as np
 import yaml
 from pydantic import BaseModel
 
+from nebosvod.borders.quantities import duration_s, is_moment, is_quantity, moment
 from nebosvod.errors import InputError
 from nebosvod.mission.fields import Parsed, epoch_text
-from nebosvod.quantities import duration_s, is_moment, is_quantity, moment
+from nebosvod.mission.yaml.yamlfile import Tree, scalar, shown
 from nebosvod.timescale import Epoch
-from nebosvod.yamlfile import Tree, scalar, shown
 
 Step = str | int
 NAMED = "name"

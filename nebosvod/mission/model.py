@@ -17,7 +17,6 @@ from nebosvod.errors import InputError
 from nebosvod.mission.covariance import NONGRAV_SCALE, Array
 from nebosvod.mission.editing import as_text, as_tree, edited
 from nebosvod.mission.fields import Block, Several, Text, Treatment, When, slug
-from nebosvod.mission.inherit import resolve_like
 from nebosvod.mission.orbit import Representation, SbdbOrbit
 from nebosvod.mission.request import (
     Arc,
@@ -33,8 +32,9 @@ from nebosvod.mission.request import (
 from nebosvod.mission.sources import Shared, Source, sources
 from nebosvod.mission.target import Parameter, Target
 from nebosvod.mission.telescope import MAX_TELESCOPES, Telescope
+from nebosvod.mission.yaml.inherit import resolve_like
+from nebosvod.mission.yaml.yamlfile import parse_yaml, shown
 from nebosvod.timescale import Epoch
-from nebosvod.yamlfile import parse_yaml, shown
 
 SCHEMA_VERSION = 1
 PriorChoice = Annotated[

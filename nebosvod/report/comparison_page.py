@@ -6,19 +6,19 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from nebosvod.compare import shown_budget
 from nebosvod.errors import listed
-from nebosvod.formed import matrix_of
-from nebosvod.report import wording
-from nebosvod.report.base import render
-from nebosvod.report.chart import Chart
-from nebosvod.report.download import csv
-from nebosvod.report.ellipses import LEFT, ROOM, SIDE, outline
-from nebosvod.report.folder import slug
-from nebosvod.report.plate import SERIES, Plate
-from nebosvod.report.scale import linear
-from nebosvod.report.tables import Cell, Table
-from nebosvod.report.wording import NBSP, TIMES, join, percent, product, quantity
+from nebosvod.estimation.accuracy.formed import matrix_of
+from nebosvod.report.kit import wording
+from nebosvod.report.kit.base import render
+from nebosvod.report.kit.chart import Chart
+from nebosvod.report.kit.download import csv
+from nebosvod.report.kit.plate import SERIES, Plate
+from nebosvod.report.kit.scale import linear
+from nebosvod.report.kit.wording import NBSP, TIMES, join, percent, product, quantity
+from nebosvod.report.run.ellipses import LEFT, ROOM, SIDE, outline
+from nebosvod.report.run.tables import Cell, Table
+from nebosvod.results.compare import shown_budget
+from nebosvod.results.folder import slug
 
 Item = Mapping[str, Any]
 LEVEL = 3.0

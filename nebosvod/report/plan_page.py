@@ -6,15 +6,15 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from nebosvod.plan_answer import CRITERIA, advice
-from nebosvod.report import wording
-from nebosvod.report.base import render
-from nebosvod.report.chart import Chart
-from nebosvod.report.download import csv
-from nebosvod.report.plate import BLUE, GREY, INK, SERIES, Plate
-from nebosvod.report.scale import linear
-from nebosvod.report.tables import Cell, Table
-from nebosvod.report.wording import NBSP, join, quantity
+from nebosvod.commands.plan_answer import CRITERIA, advice
+from nebosvod.report.kit import wording
+from nebosvod.report.kit.base import render
+from nebosvod.report.kit.chart import Chart
+from nebosvod.report.kit.download import csv
+from nebosvod.report.kit.plate import BLUE, GREY, INK, SERIES, Plate
+from nebosvod.report.kit.scale import linear
+from nebosvod.report.kit.wording import NBSP, join, quantity
+from nebosvod.report.run.tables import Cell, Table
 from nebosvod.timescale import SECONDS_PER_DAY
 
 Item = Mapping[str, Any]

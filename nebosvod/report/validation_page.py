@@ -7,16 +7,16 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
+from nebosvod.borders.wholefile import write_whole
 from nebosvod.errors import OutputError
-from nebosvod.recognise import is_validation
-from nebosvod.report.base import render
-from nebosvod.report.chart import Chart
-from nebosvod.report.download import csv
-from nebosvod.report.plate import BLUE, GREY, INK, SERIES, VERMILION, Plate
-from nebosvod.report.scale import linear, named
-from nebosvod.report.tables import Cell, Table
-from nebosvod.report.wording import NBSP, PARAMETERS, join, number, percent, quantity, series
-from nebosvod.wholefile import write_whole
+from nebosvod.report.kit.base import render
+from nebosvod.report.kit.chart import Chart
+from nebosvod.report.kit.download import csv
+from nebosvod.report.kit.plate import BLUE, GREY, INK, SERIES, VERMILION, Plate
+from nebosvod.report.kit.scale import linear, named
+from nebosvod.report.kit.wording import NBSP, PARAMETERS, join, number, percent, quantity, series
+from nebosvod.report.run.tables import Cell, Table
+from nebosvod.results.recognise import is_validation
 
 Item = Mapping[str, Any]
 SIZE = 6  # of the state, over which the NEES is judged

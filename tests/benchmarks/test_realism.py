@@ -10,8 +10,8 @@ import numpy.typing as npt
 import pytest
 
 from nebosvod.dynamics import Ephemeris, ForceModel, propagate
-from nebosvod.fit.sky import Sky, look
-from nebosvod.observation.direction import offset
+from nebosvod.observation.measurement.direction import offset
+from nebosvod.observation.measurement.exposures import Sky, look
 from nebosvod.timescale import Epoch
 
 Array = npt.NDArray[np.float64]

@@ -151,7 +151,7 @@ def test_folder_that_does_not_exist_is_reported(flight: Trajectory, tmp_path: Pa
 
 def test_oem_read_back_is_the_trajectory_with_its_covariance(flight: Trajectory, tmp_path: Path) -> None:
     """1e-6 km and 1e-13 of the covariance: sixteen digits, and epochs to a nanosecond."""
-    from nebosvod.observation.oem import read_oem
+    from nebosvod.observation.spacecraft.oem import read_oem
 
     factor = np.diag([100.0, 100.0, 100.0, 1e-5, 1e-5, 1e-5]) @ (np.eye(6) + 0.2 * np.tri(6))
     start = factor @ factor.T

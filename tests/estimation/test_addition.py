@@ -7,9 +7,10 @@ import numpy.typing as npt
 import pytest
 
 from nebosvod.errors import InputError
-from nebosvod.estimation import LinearProblem, batch
-from nebosvod.estimation.addition import Belief, additions, predicted, take
-from nebosvod.estimation.subset import subset
+from nebosvod.estimation import LinearProblem
+from nebosvod.estimation.accuracy.addition import Belief, additions, predicted, take
+from nebosvod.estimation.problem.subset import subset
+from nebosvod.estimation.solvers import batch
 
 Array = npt.NDArray[np.float64]
 MakeProblem = Callable[..., LinearProblem]

@@ -9,7 +9,8 @@ import pytest
 from scipy.stats import chi2
 
 from nebosvod.errors import GeometryError, InputError
-from nebosvod.estimation import Block, LinearProblem, Prior, Status, White, batch, recursive, sequential
+from nebosvod.estimation import Block, LinearProblem, Prior, Status, White
+from nebosvod.estimation.solvers import batch, recursive, sequential
 
 WAYS = ("qr", "blocks", "identity")
 EPS = np.finfo(float).eps

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from nebosvod.errors import InputError
-from nebosvod.estimation import Block, LinearProblem, Prior, White, batch, budget
+from nebosvod.estimation import Block, LinearProblem, Prior, White
+from nebosvod.estimation.accuracy import budget
+from nebosvod.estimation.solvers import batch
 
 ARCSEC = np.pi / 648000.0
 

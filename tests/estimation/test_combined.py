@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from nebosvod.errors import GeometryError
-from nebosvod.estimation import kalman
-from nebosvod.estimation.combined import (
+from nebosvod.estimation.filters import kalman
+from nebosvod.estimation.filters.combined import (
     GridBlock,
     adapt,
     drift_covariance,
@@ -13,7 +13,7 @@ from nebosvod.estimation.combined import (
     ready,
     with_drift,
 )
-from nebosvod.estimation.kalman import Belief
+from nebosvod.estimation.filters.kalman import Belief
 
 
 def spd(rng, size):

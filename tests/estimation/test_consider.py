@@ -6,8 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nebosvod.estimation import Block, LinearProblem, Prior, batch, consider
-from nebosvod.estimation.consider import Audit, ConsiderBelief
+from nebosvod.estimation import Block, LinearProblem, Prior
+from nebosvod.estimation.filters import consider
+from nebosvod.estimation.filters.consider import Audit, ConsiderBelief
+from nebosvod.estimation.solvers import batch
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "filters" / "odtbx_cases_1_2.json"
 

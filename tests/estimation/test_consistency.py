@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from nebosvod.errors import InputError
-from nebosvod.estimation import consistency
+from nebosvod.estimation.accuracy import consistency
 
 
 def test_the_interval_of_mean_nees_is_the_known_one():

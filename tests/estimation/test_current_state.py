@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from nebosvod.errors import InputError
-from nebosvod.estimation import Block, LinearProblem, Prior, batch, current_state, sequential
-from nebosvod.estimation.kalman import Belief
+from nebosvod.estimation import Block, LinearProblem, Prior
+from nebosvod.estimation.filters import current_state
+from nebosvod.estimation.filters.kalman import Belief
+from nebosvod.estimation.solvers import batch, sequential
 
 STATE, C = ("x", "v"), ("a",)
 

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from nebosvod.errors import InputError
-from nebosvod.estimation import Ellipse, Ellipsoid, ellipse
+from nebosvod.estimation import Ellipse, Ellipsoid
+from nebosvod.estimation.accuracy import ellipse
 
 
 @pytest.mark.parametrize(("level", "wanted"), [(1, 0.3935), (2, 0.8647), (3, 0.9889)])

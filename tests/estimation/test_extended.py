@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from nebosvod.errors import GeometryError, InputError
-from nebosvod.estimation import extended
-from nebosvod.estimation.sources import measurement_gain
+from nebosvod.estimation.accuracy import extended
+from nebosvod.estimation.problem.sources import measurement_gain
 
 
 def test_the_gain_is_that_of_the_definition(make_problem, dense):
@@ -150,7 +150,7 @@ def test_separate_series_do_not_conspire():
 
 
 def test_worst_prediction_is_between_the_noise_share_and_the_absolute_bound(make_problem):
-    from nebosvod.estimation import batch
+    from nebosvod.estimation.solvers import batch
 
     problem = make_problem(seed=3, n=20)
     found = batch.solve(problem)

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from nebosvod.errors import GeometryError, InputError
-from nebosvod.estimation import Block, LinearProblem, Prior, White, batch, guaranteed
+from nebosvod.estimation import Block, LinearProblem, Prior, White
+from nebosvod.estimation.accuracy import guaranteed
+from nebosvod.estimation.solvers import batch
 
 
 def test_the_textbook_square_gives_one_and_a_half():

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from nebosvod.errors import InputError
-from nebosvod.estimation.ellipse import Ellipse, probability
-from nebosvod.estimation.inside import inside_disc, inside_ellipse
+from nebosvod.estimation.accuracy.ellipse import Ellipse, probability
+from nebosvod.estimation.accuracy.inside import inside_disc, inside_ellipse
 
 
 @pytest.mark.parametrize("level", [0.1, 1.0, 1.1774, 3.0, 6.0])

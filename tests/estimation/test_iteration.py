@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from nebosvod.estimation import Block, LinearProblem, Prior, Status, White, gauss_newton
-from nebosvod.estimation.iteration import cost
+from nebosvod.estimation.solvers.iteration import cost
 
 BEACONS = np.array([[0.0, 0.0], [10.0, 0.0], [3.0, 8.0]])
 
@@ -119,8 +119,8 @@ def test_an_unobservable_problem_is_a_status():
 
 def test_cost_is_chi2_at_no_deviation(make_problem):
     problem = make_problem(seed=2, z="both", state_prior="own")
-    from nebosvod.estimation.partition import Partition
-    from nebosvod.estimation.whitening import Whitener, whitened_rows
+    from nebosvod.estimation.problem.partition import Partition
+    from nebosvod.estimation.problem.whitening import Whitener, whitened_rows
 
     rows = whitened_rows(problem, Partition.of(problem), Whitener.of(problem))
     assert cost(problem) == pytest.approx(np.sum(rows[:, :, Partition.of(problem).n_unknowns] ** 2), rel=1e-12)
@@ -154,7 +154,7 @@ def test_a_gain_of_its_own_may_end_above_the_least_squares_it_began_at():
     """Started at the minimum of the plain cost, Schmidt's gain, which knows the considered bias, has to climb."""
     from functools import partial
 
-    from nebosvod.estimation import batch, sequential
+    from nebosvod.estimation.solvers import batch, sequential
 
     def linearise(deviation):
         x = 2.0 + deviation.get("x", 0.0)

@@ -5,9 +5,9 @@ import pytest
 from scipy.stats import chi2
 
 from nebosvod.errors import GeometryError
-from nebosvod.estimation import kalman
-from nebosvod.estimation.kalman import Belief, Information
-from nebosvod.estimation.smoother import smooth
+from nebosvod.estimation.filters import kalman
+from nebosvod.estimation.filters.kalman import Belief, Information
+from nebosvod.estimation.filters.smoother import smooth
 
 
 def random_system(seed, s=4, p=2, steps=12):

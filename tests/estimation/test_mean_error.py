@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from nebosvod.errors import InputError
-from nebosvod.estimation import batch, mean_error, recursive, sequential
+from nebosvod.estimation.accuracy import mean_error
+from nebosvod.estimation.solvers import batch, recursive, sequential
 
 MEANS = {"c1": 0.7, "c2": -0.4, "bias A 0": 1.3, "bias B 1": -0.6}
 

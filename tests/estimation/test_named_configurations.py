@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from nebosvod.estimation import batch, consistency
-from nebosvod.estimation.sources import measurement_gain
+from nebosvod.estimation.accuracy import consistency
+from nebosvod.estimation.problem.sources import measurement_gain
+from nebosvod.estimation.solvers import batch
 
 STATE = ("x", "y", "vx", "vy")
 BIASES = ("bias A 0", "bias A 1", "bias B 0", "bias B 1")

@@ -6,7 +6,8 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from nebosvod.errors import GeometryError
-from nebosvod.estimation import Block, LinearProblem, Prior, Status, White, batch, recursive, sequential
+from nebosvod.estimation import Block, LinearProblem, Prior, Status, White
+from nebosvod.estimation.solvers import batch, recursive, sequential
 
 STRATEGY = {
     "seed": st.integers(0, 2**32 - 1),

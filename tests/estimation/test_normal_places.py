@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from nebosvod.errors import GeometryError, InputError
-from nebosvod.estimation import batch, consistency, recursive
-from nebosvod.estimation.normal_places import GaussFilter, combine, condense
+from nebosvod.estimation.accuracy import consistency
+from nebosvod.estimation.filters.normal_places import GaussFilter, combine, condense
+from nebosvod.estimation.solvers import batch, recursive
 
 
 def arc(problem, keep):

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from nebosvod.errors import InputError
-from nebosvod.estimation import Block, Prior, batch
-from nebosvod.estimation.nuisance import refine
+from nebosvod.estimation import Block, Prior
+from nebosvod.estimation.accuracy.refined import refine
+from nebosvod.estimation.solvers import batch
 
 
 @pytest.mark.parametrize("z", ["white", "markov"])

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from nebosvod.errors import InputError
-from nebosvod.estimation import Block, LinearProblem, Markov, Prior, White, batch
+from nebosvod.estimation import Block, LinearProblem, Markov, Prior, White
+from nebosvod.estimation.solvers import batch
 
 H = np.ones((3, 2, 1))
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from nebosvod.errors import InputError
-from nebosvod.estimation import Prior, Status, batch, recursive
+from nebosvod.estimation import Prior, Status
+from nebosvod.estimation.solvers import batch, recursive
 
 TREATMENTS = [
     {},

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from nebosvod.estimation import Block, LinearProblem, Prior, batch, gauss_newton
+from nebosvod.estimation import Block, LinearProblem, Prior, gauss_newton
+from nebosvod.estimation.solvers import batch
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "filters" / "tapley_schutz_born_spring_mass.json"
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from nebosvod.errors import InputError
-from nebosvod.estimation.rejection import Thresholds, chi_squared, reselect, settled
+from nebosvod.estimation.solvers.rejection import Thresholds, chi_squared, reselect, settled
 
 PLAIN = Thresholds(fudge=0.0)
 

@@ -8,9 +8,10 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from nebosvod.estimation import Estimate, LinearProblem, batch, recursive
-from nebosvod.estimation.repeated import Innovations, Repeated
-from nebosvod.estimation.subset import subset
+from nebosvod.estimation import Estimate, LinearProblem
+from nebosvod.estimation.accuracy.repeated import Innovations, Repeated
+from nebosvod.estimation.problem.subset import subset
+from nebosvod.estimation.solvers import batch, recursive
 
 Array = npt.NDArray[np.float64]
 MakeProblem = Callable[..., LinearProblem]

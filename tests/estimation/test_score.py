@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2 as chi_square
 
-from nebosvod.estimation.score import alone, among, score_test, sigmas
+from nebosvod.estimation.accuracy.score import alone, among, score_test, sigmas
 
 
 def made(seed, n=60, s=4, k=2, truth=(0.0, 0.0), nights=20, scale=1.0):

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from nebosvod.errors import InputError
-from nebosvod.estimation import Block, LinearProblem, Prior, Status, batch, separated
+from nebosvod.estimation import Block, LinearProblem, Prior, Status
+from nebosvod.estimation.solvers import batch, separated
 
 
 @pytest.mark.parametrize("z", ["none", "white", "markov", "both"])

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from nebosvod.errors import InputError
-from nebosvod.estimation import Block, LinearProblem, Prior, batch, sequential
+from nebosvod.estimation import Block, LinearProblem, Prior
+from nebosvod.estimation.solvers import batch, sequential
 
 
 @pytest.mark.parametrize(

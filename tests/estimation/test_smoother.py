@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from nebosvod.errors import InputError
-from nebosvod.estimation import current_state
-from nebosvod.estimation.kalman import Belief
-from nebosvod.estimation.smoother import smooth
+from nebosvod.estimation.filters import current_state
+from nebosvod.estimation.filters.kalman import Belief
+from nebosvod.estimation.filters.smoother import smooth
 
 STEPS, DECAY = 9, 0.7
 

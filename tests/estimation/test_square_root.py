@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from nebosvod.errors import InputError
-from nebosvod.estimation.square_root import (
+from nebosvod.estimation.problem.square_root import (
     append_rows,
     cholesky_rows,
     conditioning,

@@ -5,8 +5,8 @@ import pytest
 from scipy.stats import chi2
 
 from nebosvod.errors import GeometryError
-from nebosvod.estimation import two_stage
-from nebosvod.estimation.two_stage import BiasTest, System, TwoStage
+from nebosvod.estimation.filters import two_stage
+from nebosvod.estimation.filters.two_stage import BiasTest, System, TwoStage
 
 
 def random_case(rng, bias_noise, s=3, r=2, p=2):

@@ -16,43 +16,24 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from nebosvod.estimation import (
-    Block,
-    Estimate,
-    LinearProblem,
-    Markov,
-    Prior,
-    White,
+from nebosvod.estimation import Block, Estimate, LinearProblem, Markov, Prior, White, gauss_newton
+from nebosvod.estimation.accuracy import (
     addition,
-    batch,
     budget,
-    combined,
-    consider,
     consistency,
-    current_state,
     ellipse,
     extended,
-    gauss_newton,
     guaranteed,
     inside,
-    iteration,
-    kalman,
     mean_error,
-    normal_places,
-    nuisance,
-    recursive,
-    rejection,
     repeated,
     score,
-    separated,
-    sequential,
-    smoother,
-    sources,
-    square_root,
-    subset,
-    two_stage,
 )
-from nebosvod.estimation.kalman import Belief
+from nebosvod.estimation.accuracy import refined as nuisance
+from nebosvod.estimation.filters import combined, consider, current_state, kalman, normal_places, smoother, two_stage
+from nebosvod.estimation.filters.kalman import Belief
+from nebosvod.estimation.problem import sources, square_root, subset
+from nebosvod.estimation.solvers import batch, iteration, recursive, rejection, separated, sequential
 
 Array = npt.NDArray[np.float64]
 Numbers = dict[str, object]

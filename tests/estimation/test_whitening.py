@@ -5,8 +5,8 @@ import time
 import numpy as np
 import pytest
 
-from nebosvod.estimation.markov import accumulated
-from nebosvod.estimation.whitening import Whitener
+from nebosvod.estimation.problem.markov import accumulated
+from nebosvod.estimation.problem.whitening import Whitener
 
 
 @pytest.mark.parametrize("z", ["none", "white", "markov", "both"])

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from nebosvod.errors import GeometryError
-from nebosvod.estimation import Block, LinearProblem, Prior, White, guaranteed
-from nebosvod.estimation.zonogon import Segments, largest
+from nebosvod.estimation import Block, LinearProblem, Prior, White
+from nebosvod.estimation.accuracy import guaranteed
+from nebosvod.estimation.accuracy.zonogon import Segments, largest
 
 
 def test_normals_are_the_edges_at_the_price_of_their_support():

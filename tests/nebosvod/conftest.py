@@ -5,13 +5,13 @@ from pathlib import Path
 
 import pytest
 
-from nebosvod.assembly import View, nominal_point, view
 from nebosvod.cli import main
+from nebosvod.engine.assembly import View, nominal_point, view
 from nebosvod.mission import Mission, load_mission
 from nebosvod.pipeline import run
-from nebosvod.prior import PriorTable, prior_table
-from nebosvod.result import Result
-from nebosvod.scene import Scene, build_scene
+from nebosvod.results.result import Result
+from nebosvod.scene.prior import PriorTable, prior_table
+from nebosvod.scene.scene import Scene, build_scene
 
 Setting = tuple[Scene, PriorTable, View]
 # Apophis before 2029 by two geostationary telescopes, the problem of the source

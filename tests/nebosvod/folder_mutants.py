@@ -211,8 +211,8 @@ def read_run(kind: str, seed: int, whole: Path, copy: Path) -> Iterator[tuple[st
 
 def read_campaign(seed: int, whole: Path, copy: Path) -> Iterator[tuple[str, int, str]]:
     """Mutate a chunk, the record or the result of a campaign, then open it as `nebosvod validate` does."""
-    from nebosvod.campaign import Campaign, CampaignFolder
     from nebosvod.errors import NebosvodError
+    from nebosvod.studies.campaign import Campaign, CampaignFolder
 
     record = json.loads((whole / "campaign.json").read_text("utf-8"))
     campaign = Campaign(**{

@@ -17,12 +17,12 @@ from pathlib import Path
 from typing import Any
 
 from nebosvod.cli import main
-from nebosvod.mission.builtin import builtin_path, template_text
 from nebosvod.mission.fields import TREATMENTS
+from nebosvod.mission.reading.builtin import builtin_path, template_text
 from nebosvod.mission.request import PARAMETER_GROUPS
 from nebosvod.mission.sources import GROUPS
+from nebosvod.mission.yaml.yamlfile import KeyPath, dotted, parse_yaml
 from nebosvod.timescale import Epoch
-from nebosvod.yamlfile import KeyPath, dotted, parse_yaml
 
 EXPOSURES = 8  # of each arc: enough for an orbit and a bias, and quick
 FEW = 3  # where many telescopes make them

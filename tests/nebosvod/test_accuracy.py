@@ -6,17 +6,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from nebosvod.accuracy import boxed, comparison, statement, thinned, worst_sigmas
-from nebosvod.assembly import View, computed_psi
-from nebosvod.estimation import guaranteed
-from nebosvod.estimation.sources import measurement_gain
-from nebosvod.fitting import Fit, fit
-from nebosvod.foretold import Foretold
+from nebosvod.engine.assembly import View, computed_psi
+from nebosvod.engine.fitting import Fit, fit
+from nebosvod.engine.montecarlo import repeat
+from nebosvod.engine.quantity import Quantity, known_partials, quantity
+from nebosvod.estimation.accuracy import guaranteed
+from nebosvod.estimation.problem.sources import measurement_gain
+from nebosvod.findings.comparison import boxed, comparison, statement, thinned, worst_sigmas
+from nebosvod.findings.foretold import Foretold
 from nebosvod.mission import Mission, load_mission_text
-from nebosvod.montecarlo import repeat
-from nebosvod.predictions import Quantity, known_partials, quantity
-from nebosvod.prior import PriorTable
-from nebosvod.scene import Scene
+from nebosvod.scene.prior import PriorTable
+from nebosvod.scene.scene import Scene
 
 Setting = tuple[Scene, PriorTable, View]
 MakeSetting = Callable[[Mission], Setting]
@@ -150,8 +150,8 @@ def test_a_comparison_of_one_estimator_does_not_depend_on_the_residuals(minimal_
 
 
 def test_a_large_problem_is_spared_the_searches(minimal_setting: Setting, monkeypatch: pytest.MonkeyPatch) -> None:
-    from nebosvod import blame
-    from nebosvod.assessment import assess
+    from nebosvod.findings import blame
+    from nebosvod.findings.assessment import assess
 
     monkeypatch.setattr(blame, "LARGE", 10)
     scene, one, asked = solved(minimal_setting)
@@ -168,7 +168,7 @@ def test_a_large_problem_is_spared_the_searches(minimal_setting: Setting, monkey
 
 def test_the_ratio_block_has_means_limits_and_critical_sizes_by_telescope(minimal_setting: Setting) -> None:
     """Critical size = distance times sigma, for a telescope position error of any direction (0.1 arcsec here)."""
-    from nebosvod.assessment import assess
+    from nebosvod.findings.assessment import assess
 
     scene, one, asked = solved(minimal_setting)
     block = assess(scene, [one], {one.estimator.name: Foretold(asked, [])}, {}).noise_to_nuisance

@@ -11,8 +11,8 @@ import nebosvod
 from nebosvod.cli import main
 from nebosvod.errors import InputError
 from nebosvod.mission import load_mission
-from nebosvod.plan import Wish, plan
-from nebosvod.validate import validate
+from nebosvod.planning.planner import Wish, plan
+from nebosvod.studies.validation import validate
 
 Capture = pytest.CaptureFixture[str]
 

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nebosvod.assembly import View, nuisance_treatment, view
+from nebosvod.engine.assembly import View, nuisance_treatment, view
 from nebosvod.mission import Mission, load_mission_text
 from nebosvod.observation import merge, observe
-from nebosvod.prior import PriorTable
-from nebosvod.scene import Scene
+from nebosvod.scene.prior import PriorTable
+from nebosvod.scene.scene import Scene
 
 Setting = tuple[Scene, PriorTable, View]
 ROOT = Path(__file__).resolve().parents[2]
@@ -64,11 +64,11 @@ def test_overrides_reach_every_source_by_group_by_telescope_and_by_name(
 
 MILLION = """
 import resource
-from nebosvod.assembly import computed_psi, linear_problem, nominal_point, view
-from nebosvod.estimation import batch
+from nebosvod.engine.assembly import computed_psi, linear_problem, nominal_point, view
+from nebosvod.estimation.solvers import batch
 from nebosvod.mission import load_mission, load_mission_text
-from nebosvod.prior import prior_table
-from nebosvod.scene import build_scene
+from nebosvod.scene.prior import prior_table
+from nebosvod.scene.scene import build_scene
 
 text = load_mission("apophis-2029").text.replace("cadence: 12 h", "cadence: 24.88325 s")
 mission = load_mission_text(text.replace("limiting_magnitude: 22", "limiting_magnitude: 40"))

@@ -7,15 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nebosvod.assembly import View, computed_psi
-from nebosvod.blame import Worlds, prediction_rows, state_rows
 from nebosvod.cli import main
-from nebosvod.fitting import Fit, fit
+from nebosvod.engine.assembly import View, computed_psi
+from nebosvod.engine.fitting import Fit, fit
+from nebosvod.engine.quantity import Quantity, known_partials, quantity
+from nebosvod.findings.blame import Worlds, prediction_rows, state_rows
+from nebosvod.findings.required import required
 from nebosvod.mission import Mission, load_mission_text
-from nebosvod.predictions import Quantity, known_partials, quantity
-from nebosvod.prior import PriorTable
-from nebosvod.required import required
-from nebosvod.scene import Scene
+from nebosvod.scene.prior import PriorTable
+from nebosvod.scene.scene import Scene
 
 Setting = tuple[Scene, PriorTable, View]
 MakeSetting = Callable[[Mission], Setting]

@@ -11,8 +11,8 @@ import pytest
 
 import nebosvod
 from nebosvod.cli import main
-from nebosvod.compare import compare, shown_budget
 from nebosvod.errors import InputError, listed
+from nebosvod.results.compare import compare, shown_budget
 
 SCHEMA = json.loads((Path(nebosvod.__file__).parent / "comparison.schema.json").read_text("utf-8"))
 Change = Callable[[dict[str, Any]], None]

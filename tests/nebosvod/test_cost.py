@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from nebosvod.mission import estimate_cost, load_mission, load_mission_text
-from nebosvod.mission.builtin import builtin_names
+from nebosvod.mission.reading.builtin import builtin_names
 
 
 def cpu_s(text: str, folder: Path) -> float:

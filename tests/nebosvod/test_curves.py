@@ -5,14 +5,15 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from nebosvod.assembly import View, computed_psi
-from nebosvod.curves import curves, last_slope, prior_sigma
-from nebosvod.estimation import Block, LinearProblem, recursive
-from nebosvod.fitting import Fit, fit
+from nebosvod.engine.assembly import View, computed_psi
+from nebosvod.engine.fitting import Fit, fit
+from nebosvod.engine.quantity import Quantity, known_partials, quantity
+from nebosvod.estimation import Block, LinearProblem
+from nebosvod.estimation.solvers import recursive
+from nebosvod.findings.curves import curves, last_slope, prior_sigma
 from nebosvod.mission import Mission, load_mission_text
-from nebosvod.predictions import Quantity, known_partials, quantity
-from nebosvod.prior import PriorTable
-from nebosvod.scene import Scene
+from nebosvod.scene.prior import PriorTable
+from nebosvod.scene.scene import Scene
 
 Setting = tuple[Scene, PriorTable, View]
 MakeSetting = Callable[[Mission], Setting]

@@ -10,8 +10,8 @@ from scipy.integrate import DOP853
 from scipy.optimize import brentq
 
 from nebosvod.dynamics import Ephemeris, ForceModel, Trajectory
-from nebosvod.entry import Entry, entry_point, ground_displacement
-from nebosvod.impact import follow, impact, what_it_hits
+from nebosvod.dynamics.impact import follow, impact, what_it_hits
+from nebosvod.engine.entry import Entry, entry_point, ground_displacement
 from nebosvod.timescale import Epoch
 
 Array = npt.NDArray[np.float64]

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from nebosvod.errors import GeometryError, InputError
-from nebosvod.executor import run_tasks, serve
+from nebosvod.studies.executor import run_tasks, serve
 
 SCRIPT = """
 import os
@@ -78,7 +78,7 @@ def test_a_worker_that_dies_is_an_error_and_not_a_hang(opener: str) -> None:
 def test_a_worker_ends_when_its_parent_does(opener: str) -> None:
     """The end of input is all a worker ever learns of a parent that was killed."""
     worker = subprocess.Popen(
-        [sys.executable, "-m", "nebosvod.executor"],
+        [sys.executable, "-m", "nebosvod.studies.executor"],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,
@@ -105,8 +105,10 @@ def test_what_is_served_is_one_line_for_each_task(monkeypatch: pytest.MonkeyPatc
 
         return work
 
-    monkeypatch.setattr("nebosvod.executor._exception", opened)  # any attribute of any module can be opened
-    lines = io.StringIO(json.dumps({"opener": "nebosvod.executor:_exception", "argument": {"add": 10}}) + "\n1\n2\n3\n")
+    monkeypatch.setattr("nebosvod.studies.executor._exception", opened)  # any attribute of any module can be opened
+    lines = io.StringIO(
+        json.dumps({"opener": "nebosvod.studies.executor:_exception", "argument": {"add": 10}}) + "\n1\n2\n3\n"
+    )
     out = io.StringIO()
     serve(lines, out)
     answers = [json.loads(line) for line in out.getvalue().splitlines()]
@@ -126,6 +128,6 @@ def test_an_answer_that_is_none_is_an_error_and_not_a_hang(
         f"#!{sys.executable}\nimport sys\nfor line in sys.stdin: print({answer!r}, flush=True)\n", "utf-8"
     )
     babbler.chmod(0o755)
-    monkeypatch.setattr("nebosvod.executor.sys.executable", str(babbler))
+    monkeypatch.setattr("nebosvod.studies.executor.sys.executable", str(babbler))
     with pytest.raises(RuntimeError, match="a worker answered"):
         run_tasks("any:thing", {}, [1], 1)

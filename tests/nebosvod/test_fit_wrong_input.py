@@ -7,7 +7,7 @@ import pytest
 
 from nebosvod.cli import app, main
 from nebosvod.errors import InputError
-from nebosvod.observation.astrometry_files import read_astrometry
+from nebosvod.observation.formats.reading import read_astrometry
 
 needs_fit = pytest.mark.skipif("fit" not in app.commands, reason="the program has no command fit")
 COLUMNS = (

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from nebosvod.assembly import View, nominal_point, view
-from nebosvod.fitting import Fit, fit
+from nebosvod.engine.assembly import View, nominal_point, view
+from nebosvod.engine.fitting import Fit, fit
+from nebosvod.engine.truth import draw
 from nebosvod.mission import load_mission_text
-from nebosvod.prior import STATE_NAMES, PriorTable, prior_table
-from nebosvod.scene import Scene, build_scene
-from nebosvod.truth import draw
+from nebosvod.scene.prior import STATE_NAMES, PriorTable, prior_table
+from nebosvod.scene.scene import Scene, build_scene
 
 AU_KM = 149597870.7
 

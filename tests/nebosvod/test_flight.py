@@ -10,8 +10,8 @@ import pytest
 
 from nebosvod.errors import EventError, InputError
 from nebosvod.mission import estimate_cost, load_mission, load_mission_text
-from nebosvod.mission.flight import MOST_STEPS, size_km, steps
-from nebosvod.scene import build_scene
+from nebosvod.mission.reading.flight import MOST_STEPS, size_km, steps
+from nebosvod.scene.scene import build_scene
 
 AU_KM, GM = 149597870.7, 1.32712440041e11
 MINIMAL = load_mission("minimal").text
@@ -95,7 +95,7 @@ def test_size_of_an_orbit_is_the_same_in_all_its_forms() -> None:
 def test_an_orbit_about_the_earth_is_given_up_where_its_steps_would_fill_the_memory() -> None:
     """Round the Sun it goes once; round the Earth, 90 minutes each, 640 times in the 40 days."""
     earth = load_mission("minimal")
-    from nebosvod.scene import load_ephemeris
+    from nebosvod.scene.scene import load_ephemeris
 
     ephemeris = load_ephemeris(earth)
     epoch = earth.reference_epoch

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from nebosvod.cli import main
-from nebosvod.fit.orbit import OrbitAt
-from nebosvod.fit.summary import orbit_block
-from nebosvod.fit.tables import orbit_table
-from nebosvod.formed import definite, formed
-from nebosvod.outlook import answered
+from nebosvod.estimation.accuracy.formed import definite, formed
+from nebosvod.findings.outlook import answered
+from nebosvod.fits.orbit import OrbitAt
+from nebosvod.results.fit_summary import orbit_block
+from nebosvod.results.fit_tables import orbit_table
 from nebosvod.timescale import Epoch
 
 WEAK = "prior: {sigma: {position: POSITION, velocity: 1 km/s}}\n"

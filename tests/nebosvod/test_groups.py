@@ -4,7 +4,7 @@ import pytest
 
 from nebosvod.errors import InputError
 from nebosvod.mission import load_mission_text
-from nebosvod.mission.rules import HOW_TO_ADD
+from nebosvod.mission.reading.rules import HOW_TO_ADD
 
 CERTAIN = """schema_version: 1
 name: certain

@@ -6,16 +6,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nebosvod.assembly import View, linear_problem, nominal_point, view
 from nebosvod.cli import main
+from nebosvod.engine.assembly import View, linear_problem, nominal_point, view
+from nebosvod.engine.fitting import fit
+from nebosvod.engine.truth import draw
 from nebosvod.errors import InputError
-from nebosvod.fitting import fit
 from nebosvod.mission import Mission, load_mission, load_mission_text
 from nebosvod.observation import Common, OrbitError
 from nebosvod.pipeline import run
-from nebosvod.prior import PriorTable
-from nebosvod.scene import Scene, build_scene
-from nebosvod.truth import draw
+from nebosvod.scene.prior import PriorTable
+from nebosvod.scene.scene import Scene, build_scene
 
 Setting = tuple[Scene, PriorTable, View]
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from nebosvod.interrupts import interruptible
+from nebosvod.borders.interrupts import interruptible
 
 
 class Ends:
@@ -44,7 +44,7 @@ def test_the_handlers_of_the_host_come_back() -> None:
 def test_the_exit_code_is_ours_though_the_interrupt_left_code_that_was_run_from_text(code: int, tmp_path: Path) -> None:
     """CPython remembers it and ends `python -m` by SIGINT, whatever code sys.exit is given."""
     script = f"""
-from nebosvod.interrupts import end
+from nebosvod.borders.interrupts import end
 try:
     exec("raise KeyboardInterrupt" if {code} == 130 else "pass")
 except KeyboardInterrupt:

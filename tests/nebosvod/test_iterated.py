@@ -16,18 +16,18 @@ from scipy import stats
 from scipy.integrate import solve_ivp
 
 import nebosvod
-from nebosvod.assembly import View
-from nebosvod.campaign import Campaign, compute_chunk, passes
 from nebosvod.cli import main
 from nebosvod.dynamics import propagate
+from nebosvod.engine.assembly import View
+from nebosvod.engine.montecarlo import consistency, repeat
+from nebosvod.engine.trial import LINEAR_SIGMA, Setting, generator, measured_truth, possible, second_order
 from nebosvod.mission import Mission, load_mission, load_mission_text
-from nebosvod.mission.builtin import builtin_names
-from nebosvod.montecarlo import consistency, repeat
+from nebosvod.mission.reading.builtin import builtin_names
 from nebosvod.observation import observe, residual
-from nebosvod.prior import STATE_NAMES, PriorTable
-from nebosvod.scene import Scene
-from nebosvod.trial import LINEAR_SIGMA, Setting, generator, measured_truth, possible, second_order
-from nebosvod.validate import summary, validate
+from nebosvod.scene.prior import STATE_NAMES, PriorTable
+from nebosvod.scene.scene import Scene
+from nebosvod.studies.campaign import Campaign, compute_chunk, passes
+from nebosvod.studies.validation import summary, validate
 
 Array = npt.NDArray[np.float64]
 SCHEMA = json.loads((Path(nebosvod.__file__).parent / "validation.schema.json").read_text("utf-8"))

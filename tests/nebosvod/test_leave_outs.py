@@ -12,7 +12,7 @@ import pytest
 
 from nebosvod.cli import main
 from nebosvod.mission import list_missions
-from nebosvod.mission.schema import fit_schema, mission_schema
+from nebosvod.mission.reading.schema import fit_schema, mission_schema
 from nebosvod.timescale import Epoch
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from nebosvod.cli import main
-from nebosvod.mission.builtin import builtin_path
+from nebosvod.mission.reading.builtin import builtin_path
 
 SHORT = "end: 2028-03-20T0{}:00:00 TDB, cadence: {} min"
 BEHIND = "  - {name: behind, like: ahead, orbit: {lead: -10 deg}}\n"

@@ -6,19 +6,19 @@ import re
 import numpy as np
 import pytest
 
-from nebosvod.assembly import nominal_point, view
+from nebosvod.commands.resolved import describe
 from nebosvod.dynamics import propagate
+from nebosvod.engine.assembly import nominal_point, view
+from nebosvod.engine.fitting import fit
+from nebosvod.engine.montecarlo import consistency, repeat
+from nebosvod.engine.truth import draw
 from nebosvod.errors import InputError
-from nebosvod.fitting import fit
-from nebosvod.logarithmic import LogarithmicForces
 from nebosvod.mission import load_fit, load_mission_text
-from nebosvod.montecarlo import consistency, repeat
 from nebosvod.pipeline import run
-from nebosvod.prior import STATE_NAMES, prior_table
-from nebosvod.report.physical import parameter_table
-from nebosvod.resolved import describe
-from nebosvod.scene import build_scene
-from nebosvod.truth import draw
+from nebosvod.report.run.physical import parameter_table
+from nebosvod.scene.logarithmic import LogarithmicForces
+from nebosvod.scene.prior import STATE_NAMES, prior_table
+from nebosvod.scene.scene import build_scene
 
 LN = ("ln_radius", "ln_mass", "ln_albedo")
 PHYSICAL = ("radius_m", "mass_kg", "albedo")

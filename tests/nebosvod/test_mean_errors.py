@@ -8,15 +8,15 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from nebosvod.assembly import nominal_point, view
 from nebosvod.cli import main
-from nebosvod.fitting import fit
+from nebosvod.engine.assembly import nominal_point, view
+from nebosvod.engine.fitting import fit
+from nebosvod.engine.truth import draw
 from nebosvod.mission import Mission, load_mission, load_mission_text
 from nebosvod.pipeline import run
-from nebosvod.prior import STATE_NAMES, prior_table
-from nebosvod.scene import build_scene
-from nebosvod.truth import draw
-from nebosvod.validate import validate
+from nebosvod.scene.prior import STATE_NAMES, prior_table
+from nebosvod.scene.scene import build_scene
+from nebosvod.studies.validation import validate
 
 Array = npt.NDArray[np.float64]
 BIAS = "    bias: {sigma: 0.05 arcsec, treatment: estimated}\n"

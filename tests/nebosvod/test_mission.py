@@ -16,9 +16,10 @@ from nebosvod.dynamics import Ephemeris, ForceModel, Nongrav
 from nebosvod.dynamics.ephemeris import ASTEROIDS
 from nebosvod.dynamics.nongrav import WATER_ICE
 from nebosvod.errors import InputError
-from nebosvod.mission import Mission, estimate_cost, load_mission, load_mission_text, rules
+from nebosvod.mission import Mission, estimate_cost, load_mission, load_mission_text
+from nebosvod.mission.reading import rules
 from nebosvod.mission.request import ForcePlan, Perturber
-from nebosvod.scene import force_model
+from nebosvod.scene.scene import force_model
 from nebosvod.timescale import Epoch
 from nebosvod.units import AU_KM
 

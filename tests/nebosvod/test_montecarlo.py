@@ -8,17 +8,17 @@ import numpy.typing as npt
 import pytest
 from scipy import stats
 
-from nebosvod.assembly import View, computed_psi, linear_problem
-from nebosvod.estimation import batch
-from nebosvod.fitting import fit
+from nebosvod.engine.assembly import View, computed_psi, linear_problem
+from nebosvod.engine.fitting import fit
+from nebosvod.engine.montecarlo import consistency, repeat
+from nebosvod.engine.trial import Setting as TrialSetting
+from nebosvod.engine.trial import generator, measured_truth
+from nebosvod.engine.truth import draw
+from nebosvod.estimation.solvers import batch
 from nebosvod.mission import Mission, load_mission_text
-from nebosvod.montecarlo import consistency, repeat
 from nebosvod.observation import residual
-from nebosvod.prior import STATE_NAMES, PriorTable
-from nebosvod.scene import Scene
-from nebosvod.trial import Setting as TrialSetting
-from nebosvod.trial import generator, measured_truth
-from nebosvod.truth import draw
+from nebosvod.scene.prior import STATE_NAMES, PriorTable
+from nebosvod.scene.scene import Scene
 
 Array = npt.NDArray[np.float64]
 Setting = tuple[Scene, PriorTable, View]

@@ -11,15 +11,15 @@ from pathlib import Path
 import pytest
 
 from nebosvod.cli import main
-from nebosvod.ownership import sha256_of
-from nebosvod.result import RunFolder, _write_manifest
+from nebosvod.results.ownership import sha256_of
+from nebosvod.results.result import RunFolder, _write_manifest
 
 KILLED = """
 import hashlib, os, signal, sys
 from pathlib import Path
-import nebosvod.publication as publication
-from nebosvod.ownership import marked
-from nebosvod.result import RunFolder, _write_manifest
+import nebosvod.results.publication as publication
+from nebosvod.results.ownership import marked
+from nebosvod.results.result import RunFolder, _write_manifest
 
 folder, step, without_exchange = Path(sys.argv[1]), int(sys.argv[2]), sys.argv[3] == "renames"
 done = 0
@@ -43,7 +43,7 @@ def fill(stage, result):
     (stage / "report.html").write_bytes(b"new")
     _write_manifest(stage, {}, {**hashes, "report.html": hashlib.sha256(b"new").hexdigest()})
 
-import nebosvod.result as result
+import nebosvod.results.result as result
 result.write_files = fill
 for name in ("rename", "replace", "link", "unlink", "mkdir", "rmdir", "open"):
     setattr(os, name, counted(getattr(os, name)))
@@ -308,7 +308,7 @@ def test_pages_are_refused_before_computing(
         page.symlink_to(tmp_path / "nowhere")
     elif kind == "missing folder":
         page = tmp_path / "no" / "p.html"
-    monkeypatch.setattr("nebosvod.plan.plan", lambda *args, **words: pytest.fail("computed first"))
+    monkeypatch.setattr("nebosvod.planning.planner.plan", lambda *args, **words: pytest.fail("computed first"))
     more = ["-o", str(page)] if kind == "twice" else []
     before = tree(tmp_path)
     assert main(["plan", "minimal", "--page", str(page), *more]) == 3

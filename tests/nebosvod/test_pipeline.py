@@ -6,14 +6,14 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from nebosvod.assembly import View, computed_psi, linear_problem, view
-from nebosvod.estimation import batch
+from nebosvod.engine.assembly import View, computed_psi, linear_problem, view
+from nebosvod.estimation.solvers import batch
 from nebosvod.mission import Mission, load_mission_text
 from nebosvod.observation import residual
 from nebosvod.pipeline import run
-from nebosvod.prior import STATE_NAMES, PriorTable
-from nebosvod.result import Result
-from nebosvod.scene import Scene
+from nebosvod.results.result import Result
+from nebosvod.scene.prior import STATE_NAMES, PriorTable
+from nebosvod.scene.scene import Scene
 from nebosvod.timescale import Epoch
 
 Array = npt.NDArray[np.float64]
@@ -97,7 +97,7 @@ def test_the_nominal_encounter_of_2029_is_where_an_independent_integration_has_i
 
     JPL's orbit is fitted with that A1, the mission replaces it by a radiation pressure of 3.6e-13: 5 km.
     """
-    from nebosvod.predictions import quantity
+    from nebosvod.engine.quantity import quantity
 
     scene, _, nominal = make_setting(apophis)
     request = next(p for p in apophis.predictions if p.plane == "perigee_distance")
@@ -134,7 +134,7 @@ def test_partials_of_the_whole_chain_equal_finite_differences(minimal_setting: S
 
 
 def test_the_estimate_lies_within_five_sigma_of_the_drawn_truth(minimal: Mission, minimal_setting: Setting) -> None:
-    from nebosvod.truth import draw
+    from nebosvod.engine.truth import draw
 
     scene, priors, _ = minimal_setting
     result = run(minimal, seed=11)
@@ -250,7 +250,7 @@ def test_an_orbit_prior_carried_to_another_epoch_equals_the_linear_map(
 
 def test_noise_to_nuisance_of_a_white_position_error_is_the_closed_form(minimal_setting: Setting) -> None:
     """Critical telescope-position sigma = rho sigma for RA*, Dec: sqrt(2 s^2) / (sqrt(2) / rho)."""
-    from nebosvod.estimation.budget import noise_to_nuisance
+    from nebosvod.estimation.accuracy.budget import noise_to_nuisance
 
     scene, priors, nominal = minimal_setting
     problem = linear_problem(

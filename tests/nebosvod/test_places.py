@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from nebosvod.cli import main
+from nebosvod.commands.resolved import describe
 from nebosvod.dynamics.ephemeris import DATA
 from nebosvod.errors import InputError
 from nebosvod.mission import list_missions, load_mission, load_mission_text
 from nebosvod.pipeline import run
-from nebosvod.resolved import describe
-from nebosvod.scene import build_scene
+from nebosvod.scene.scene import build_scene
 from nebosvod.timescale import Epoch
 
 ROOT = Path(__file__).resolve().parent.parent.parent

@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 
 import nebosvod
-from nebosvod.assembly import computed_psi, linear_problem, nominal_point, view
 from nebosvod.cli import main
+from nebosvod.engine.assembly import computed_psi, linear_problem, nominal_point, view
+from nebosvod.engine.fitting import SOLVERS
+from nebosvod.engine.quantity import quantity
 from nebosvod.errors import GeometryError, InputError
 from nebosvod.estimation import Estimate
-from nebosvod.fitting import SOLVERS
 from nebosvod.mission import Mission, load_mission, load_mission_text
-from nebosvod.plan import Wish, plan, read_wish
-from nebosvod.predictions import quantity
-from nebosvod.prior import prior_table
-from nebosvod.scene import build_scene
+from nebosvod.planning.planner import Wish, plan, read_wish
+from nebosvod.scene.prior import prior_table
+from nebosvod.scene.scene import build_scene
 from nebosvod.timescale import Epoch
 
 NAME = "ten days later"

@@ -8,10 +8,10 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from nebosvod.assembly import View, computed_psi
-from nebosvod.fitting import Fit, fit
-from nebosvod.mission import Mission, load_mission_text
-from nebosvod.nonlinearity import (
+from nebosvod.engine.assembly import View, computed_psi
+from nebosvod.engine.fitting import Fit, fit
+from nebosvod.engine.quantity import Quantity, known_partials, prediction_row, quantity
+from nebosvod.findings.nonlinearity import (
     against_linear,
     clones,
     curvature,
@@ -22,10 +22,10 @@ from nebosvod.nonlinearity import (
     ordered_factor,
     spread_of,
 )
+from nebosvod.mission import Mission, load_mission_text
 from nebosvod.pipeline import run
-from nebosvod.predictions import Quantity, known_partials, prediction_row, quantity
-from nebosvod.prior import STATE_NAMES, PriorTable
-from nebosvod.scene import Scene
+from nebosvod.scene.prior import STATE_NAMES, PriorTable
+from nebosvod.scene.scene import Scene
 
 Setting = tuple[Scene, PriorTable, View]
 MakeSetting = Callable[[Mission], Setting]
@@ -253,8 +253,8 @@ def test_levels_of_an_ellipse_hold_the_share_of_normal_points_they_say(
 def test_an_orbit_without_the_prediction_leaves_its_nonlinearity_open(
     flyby: tuple[Scene, Fit, list[Quantity]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from nebosvod import nonlinearity as module
     from nebosvod.errors import InputError
+    from nebosvod.findings import nonlinearity as module
 
     scene, one, asked = flyby
 

@@ -12,7 +12,7 @@ import jsonschema
 import pytest
 
 import nebosvod
-from nebosvod.progress import QUIET_S, heard
+from nebosvod.commands.progress import QUIET_S, heard
 
 SUMMARY = Path(nebosvod.__file__).parent / "report" / "summary.schema.json"
 

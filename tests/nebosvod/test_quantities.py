@@ -15,6 +15,7 @@ from astropy.time import Time, TimeDelta
 
 import nebosvod.dynamics as dynamics
 import nebosvod.observation as observation
+from nebosvod.borders.quantities import UNITS, moment
 from nebosvod.dynamics import Ephemeris, ForceModel, RadiationPressure, elements, find_encounters, propagate, twobody
 from nebosvod.errors import InputError
 from nebosvod.estimation import Prior
@@ -29,7 +30,6 @@ from nebosvod.observation import (
     table,
     visibility,
 )
-from nebosvod.quantities import UNITS, moment
 from nebosvod.timescale import Epoch
 
 EPOCH = Epoch.parse("2028-11-15T00:00:00 TDB")

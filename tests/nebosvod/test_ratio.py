@@ -9,7 +9,7 @@ import pytest
 from nebosvod.cli import main
 from nebosvod.mission import load_mission_text
 from nebosvod.pipeline import run
-from nebosvod.result import Result
+from nebosvod.results.result import Result
 
 ARCSEC = np.pi / 648000.0
 SIGMAS = "prior: {sigma: {position: 1000 km, velocity: 0.2 m/s}}\n"

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from nebosvod.cli import main
-from nebosvod.result import Result, RunFolder
+from nebosvod.results.result import Result, RunFolder
 
 ROOT = Path(__file__).resolve().parents[2]
 PROGRAM = [sys.executable, "-m", "nebosvod"]

@@ -18,7 +18,7 @@ from nebosvod.mission import (
     template_text,
 )
 from nebosvod.pipeline import run
-from nebosvod.result import Result
+from nebosvod.results.result import Result
 from nebosvod.timescale import Epoch
 from nebosvod.units import AU_KM
 

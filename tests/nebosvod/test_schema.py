@@ -9,7 +9,7 @@ import pytest
 
 from nebosvod.errors import InputError
 from nebosvod.mission import load_mission_text, mission_schema
-from nebosvod.yamlfile import parse_yaml
+from nebosvod.mission.yaml.yamlfile import parse_yaml
 
 SCENARIOS = Path(__file__).resolve().parents[2] / "scenarios"
 FILES = sorted(SCENARIOS.glob("*.yaml"))

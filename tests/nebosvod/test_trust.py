@@ -5,8 +5,8 @@ import numpy.typing as npt
 import pytest
 from scipy import stats
 
-from nebosvod import trust
-from nebosvod.trust import Claim, Direction, amount, judge
+from nebosvod.studies import trust
+from nebosvod.studies.trust import Claim, Direction, amount, judge
 
 Array = npt.NDArray[np.float64]
 RUNS, LEVEL = 2000, 0.01

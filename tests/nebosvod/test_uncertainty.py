@@ -7,11 +7,11 @@ import numpy.typing as npt
 import pytest
 from scipy import stats
 
-from nebosvod.assembly import View
+from nebosvod.engine.assembly import View
+from nebosvod.engine.montecarlo import repeat
 from nebosvod.mission import Mission, load_mission_text
-from nebosvod.montecarlo import repeat
-from nebosvod.prior import STATE_NAMES, PriorTable
-from nebosvod.scene import Scene
+from nebosvod.scene.prior import STATE_NAMES, PriorTable
+from nebosvod.scene.scene import Scene
 
 Array = npt.NDArray[np.float64]
 Setting = tuple[Scene, PriorTable, View]

@@ -16,13 +16,13 @@ import numpy as np
 import pytest
 
 import nebosvod
-from nebosvod.campaign import CHUNK_RUNS, Campaign, CampaignFolder, chunk_path, compute_chunk, passes
 from nebosvod.cli import main
+from nebosvod.engine.trial import Setting
 from nebosvod.errors import InputError, OutputError
 from nebosvod.mission import Mission, load_mission, load_mission_text
-from nebosvod.mission.builtin import builtin_names
-from nebosvod.trial import Setting
-from nebosvod.validate import summary, validate
+from nebosvod.mission.reading.builtin import builtin_names
+from nebosvod.studies.campaign import CHUNK_RUNS, Campaign, CampaignFolder, chunk_path, compute_chunk, passes
+from nebosvod.studies.validation import summary, validate
 
 SCHEMA = json.loads((Path(nebosvod.__file__).parent / "validation.schema.json").read_text("utf-8"))
 SEED = 20290413

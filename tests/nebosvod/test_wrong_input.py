@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from nebosvod.cli import main
-from nebosvod.mission import rules
+from nebosvod.mission.reading import rules
 
 ROOT = Path(__file__).resolve().parents[2]
 BASE = (ROOT / "scenarios" / "apophis-2029.yaml").read_text("utf-8")

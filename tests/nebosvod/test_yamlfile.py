@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from nebosvod.errors import DataError, InputError
-from nebosvod.yamlfile import MAX_BYTES, Mark, parse_yaml, read_text, scalar
+from nebosvod.mission.yaml.yamlfile import MAX_BYTES, Mark, parse_yaml, read_text, scalar
 
 
 def refused(text: str) -> str:

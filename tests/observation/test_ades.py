@@ -8,10 +8,10 @@ import pytest
 
 from nebosvod.dynamics.constants import AU_KM
 from nebosvod.errors import InputError
-from nebosvod.observation import mpc80
-from nebosvod.observation.astrometry_files import parse_astrometry, read_astrometry
-from nebosvod.observation.records import Astrometry, joined
-from nebosvod.observation.source_file import SourceFile
+from nebosvod.observation.formats import mpc80
+from nebosvod.observation.formats.reading import parse_astrometry, read_astrometry
+from nebosvod.observation.formats.records import Astrometry, joined
+from nebosvod.observation.formats.source_file import SourceFile
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 needs_data = pytest.mark.skipif(not DATA.is_dir(), reason="reference observations are not here")

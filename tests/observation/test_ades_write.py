@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from nebosvod.errors import InputError
-from nebosvod.observation import ades, mpc80
-from nebosvod.observation.ades_write import Residuals
-from nebosvod.observation.astrometry_files import parse_astrometry, read_astrometry
-from nebosvod.observation.records import Astrometry
-from nebosvod.observation.source_file import SourceFile
+from nebosvod.observation.formats import ades, mpc80
+from nebosvod.observation.formats.ades_write import Residuals
+from nebosvod.observation.formats.reading import parse_astrometry, read_astrometry
+from nebosvod.observation.formats.records import Astrometry
+from nebosvod.observation.formats.source_file import SourceFile
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "observations"
 needs_data = pytest.mark.skipif(not DATA.is_dir(), reason="reference observations are not here")

@@ -5,7 +5,7 @@ import pytest
 
 from nebosvod.dynamics.constants import SPEED_OF_LIGHT_KM_S
 from nebosvod.observation import Geostationary, apparent_place, sight
-from nebosvod.observation.direction import angle_between, unit_vector
+from nebosvod.observation.measurement.direction import angle_between, unit_vector
 
 T_S = np.linspace(0.0, 300.0, 61) * 86400.0
 MAS = np.pi / 180.0 / 3.6e6

@@ -6,16 +6,8 @@ import numpy as np
 import pytest
 
 from nebosvod.errors import InputError
-from nebosvod.observation import (
-    Geostationary,
-    HeliocentricCompanion,
-    Telescope,
-    astrometry,
-    merge,
-    observe,
-    residual,
-    sight,
-)
+from nebosvod.observation import Geostationary, HeliocentricCompanion, Telescope, merge, observe, residual, sight
+from nebosvod.observation.measurement import astrometry
 
 HERE = Geostationary(longitude_rad=0.3)
 T_S = np.linspace(0.0, 120.0, 25) * 86400.0

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from nebosvod.errors import InputError
-from nebosvod.observation.astrometry_files import format_of, parse_astrometry
-from nebosvod.observation.records import Astrometry
-from nebosvod.observation.source_file import SourceFile
+from nebosvod.observation.formats.reading import format_of, parse_astrometry
+from nebosvod.observation.formats.records import Astrometry
+from nebosvod.observation.formats.source_file import SourceFile
 
 CASES = int(os.environ.get("NEBOSVOD_FUZZ_CASES", "5000"))
 LIMIT_S = 2.0  # CPU seconds for one file

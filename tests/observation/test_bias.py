@@ -20,8 +20,8 @@ from nebosvod.observation import (
     residual,
     sight,
 )
-from nebosvod.observation.direction import ra_dec
-from nebosvod.observation.photocentre import lambert_offset
+from nebosvod.observation.measurement.direction import ra_dec
+from nebosvod.observation.uncertainty.photocentre import lambert_offset
 
 DAY = 86400.0
 DRAWS = 20_000

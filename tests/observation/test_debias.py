@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from nebosvod.errors import DataError, InputError
-from nebosvod.observation.debias import COLUMNS, debias, ring_pixel
-from nebosvod.observation.mpc80 import parse
-from nebosvod.observation.source_file import SourceFile
+from nebosvod.observation.formats.mpc80 import parse
+from nebosvod.observation.formats.source_file import SourceFile
+from nebosvod.observation.reduction.debias import COLUMNS, debias, ring_pixel
 
 ARCSEC = np.pi / 648000.0
 NSIDE = 2

@@ -2,8 +2,8 @@
 
 import pytest
 
-from nebosvod.observation.designations import Designation, combined, from_columns, from_text, is_satellite, kind
-from nebosvod.observation.object_names import merged, names_of, other_names, readings
+from nebosvod.observation.formats.designations import Designation, combined, from_columns, from_text, is_satellite, kind
+from nebosvod.observation.formats.object_names import merged, names_of, other_names, readings
 
 # examples of https://www.minorplanetcenter.net/iau/info/PackedDes.html
 PACKED = {

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from nebosvod.errors import InputError
-from nebosvod.observation.direction import angle_between, offset, ra_dec, residual, unit_vector, wrap
-from nebosvod.observation.rows import sky_partials
+from nebosvod.observation.measurement.direction import angle_between, offset, ra_dec, residual, unit_vector, wrap
+from nebosvod.observation.measurement.rows import sky_partials
 
 ARCSEC = np.pi / 180.0 / 3600.0
 

@@ -5,7 +5,7 @@ import pytest
 from astropy.time import Time
 from astropy.utils import iers
 
-from nebosvod.observation.earth_orientation import orientation
+from nebosvod.observation.earth.earth_orientation import orientation
 
 
 def ut1_minus_tai(first_mjd: float, last_mjd: float, table, number: int = 400):

@@ -12,9 +12,9 @@ import sys, time
 from pathlib import Path
 from nebosvod.errors import DataError, InputError
 from nebosvod.observation import read_oem
-from nebosvod.observation.astrometry_files import read_astrometry
-from nebosvod.observation.weight_rules import read_rules
-from nebosvod.orbit_table import read_orbit_table
+from nebosvod.observation.formats.reading import read_astrometry
+from nebosvod.observation.reduction.weight_rules import read_rules
+from nebosvod.observation.spacecraft.orbit_table import read_orbit_table
 read = {"oem": read_oem, "table": lambda path: read_orbit_table(Path(path), "sun"), "weights": read_rules}
 began = time.process_time()
 try:

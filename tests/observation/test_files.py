@@ -10,11 +10,11 @@ from jplephem.daf import DAF
 from jplephem.spk import SPK
 from scipy.interpolate import BarycentricInterpolator, KroghInterpolator
 
+from nebosvod.dynamics.kepler import kepler_state
 from nebosvod.errors import CoverageError, DataError, InputError
 from nebosvod.observation import read_oem, read_spk, table
-from nebosvod.observation.ccsds_time import read_time
-from nebosvod.observation.kepler import kepler_state
-from nebosvod.observation.tabulated import Segment
+from nebosvod.observation.spacecraft.ccsds_time import read_time
+from nebosvod.observation.spacecraft.tabulated import Segment
 from nebosvod.timescale import Epoch
 
 DAY = 86400.0

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from nebosvod.observation.gauss import SPEED_OF_LIGHT_AU_D, _roots, gauss
-from nebosvod.observation.universal import fly
+from nebosvod.dynamics.twobody_many import fly
+from nebosvod.observation.initial.gauss import SPEED_OF_LIGHT_AU_D, _roots, gauss
 
 GM = 0.01720209895**2
 EARTH = np.array([[0.9, 0.43, 0.0, -0.0075, 0.0155, 0.0]])

@@ -15,7 +15,7 @@ import pytest
 from nebosvod.dynamics import ForceModel, propagate
 from nebosvod.dynamics.constants import AU_KM
 from nebosvod.observation import GroundSite, apparent_magnitude, apparent_place, residual, sight
-from nebosvod.observation.direction import angle_between, ra_dec, unit_vector
+from nebosvod.observation.measurement.direction import angle_between, ra_dec, unit_vector
 from nebosvod.timescale import Epoch
 
 MAS = np.pi / 180.0 / 3.6e6

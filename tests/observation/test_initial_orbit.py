@@ -10,9 +10,9 @@ import pytest
 from nebosvod.dynamics import ForceModel, propagate
 from nebosvod.dynamics.constants import AU_KM, DAY_S, OBLIQUITY_J2000_RAD
 from nebosvod.dynamics.elements import keplerian_to_state
-from nebosvod.observation import mpc80
-from nebosvod.observation.initial_orbit import attributable, candidates, rarity, spans, triplets
-from nebosvod.observation.observers import telescopes
+from nebosvod.observation.formats import mpc80
+from nebosvod.observation.initial.initial_orbit import attributable, candidates, rarity, spans, triplets
+from nebosvod.observation.reduction.observers import telescopes
 from nebosvod.timescale import Epoch
 
 SCALE = np.repeat([AU_KM, AU_KM / DAY_S], 3)

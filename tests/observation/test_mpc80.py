@@ -9,10 +9,10 @@ import pytest
 
 from nebosvod.dynamics.constants import AU_KM
 from nebosvod.errors import InputError
-from nebosvod.observation import mpc80
-from nebosvod.observation.mpc80 import parse
-from nebosvod.observation.records import Astrometry
-from nebosvod.observation.source_file import SourceFile
+from nebosvod.observation.formats import mpc80
+from nebosvod.observation.formats.mpc80 import parse
+from nebosvod.observation.formats.records import Astrometry
+from nebosvod.observation.formats.source_file import SourceFile
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "observations"
 needs_data = pytest.mark.skipif(not DATA.is_dir(), reason="reference observations are not here")

@@ -2,7 +2,7 @@
 
 import pytest
 
-from nebosvod.observation import obscodes
+from nebosvod.observation.earth import obscodes
 
 
 def test_codes_of_the_ground_of_space_and_of_nothing_are_told_apart() -> None:

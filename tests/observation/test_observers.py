@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 
 from nebosvod.errors import CoverageError, InputError
-from nebosvod.observation import GroundSite, mpc80, table
-from nebosvod.observation.debias import CATALOGUES
-from nebosvod.observation.direction import unit_vector
-from nebosvod.observation.mpc80 import parse
-from nebosvod.observation.observers import telescopes, velocities
-from nebosvod.observation.source_file import SourceFile
+from nebosvod.observation import GroundSite, table
+from nebosvod.observation.formats import mpc80
+from nebosvod.observation.formats.mpc80 import parse
+from nebosvod.observation.formats.source_file import SourceFile
+from nebosvod.observation.measurement.direction import unit_vector
+from nebosvod.observation.reduction.debias import CATALOGUES
+from nebosvod.observation.reduction.observers import telescopes, velocities
 from nebosvod.timescale import Epoch
 
 AU_KM = 149597870.7

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from nebosvod.errors import InputError
-from nebosvod.observation.astrometry_files import parse_astrometry, read_astrometry
-from nebosvod.observation.debias import debias
-from nebosvod.observation.records import Astrometry
-from nebosvod.observation.source_file import SourceFile
-from nebosvod.observation.stated_weights import kept
-from nebosvod.observation.weights import weigh
+from nebosvod.observation.formats.reading import parse_astrometry, read_astrometry
+from nebosvod.observation.formats.records import Astrometry
+from nebosvod.observation.formats.source_file import SourceFile
+from nebosvod.observation.reduction.debias import debias
+from nebosvod.observation.reduction.stated_weights import kept
+from nebosvod.observation.reduction.weights import weigh
 
 ARCSEC = np.pi / 648000.0
 HEAD = (

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from nebosvod.dynamics import ForceModel, propagate
+from nebosvod.dynamics.kepler import kepler_state
 from nebosvod.errors import InputError
 from nebosvod.observation import (
     Common,
@@ -18,8 +19,7 @@ from nebosvod.observation import (
     merge,
     observe,
 )
-from nebosvod.observation.kepler import kepler_state
-from nebosvod.observation.orbit_transition import transitions
+from nebosvod.observation.uncertainty.orbit_transition import transitions
 
 DAY = 86400.0
 SIGMA = np.array([1.0, 2.0, 0.5, 1e-4, 5e-5, 1e-4])

@@ -5,8 +5,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from nebosvod.observation import GeocentricOrbit, Geostationary, sun_synchronous
-from nebosvod.observation.earth_rotation import R_icrf_from_cirs
-from nebosvod.observation.orbit_transition import transitions
+from nebosvod.observation.earth.earth_rotation import R_icrf_from_cirs
+from nebosvod.observation.uncertainty.orbit_transition import transitions
 
 DAY = 86400.0
 J2, RADIUS = 1.0826359e-3, 6378.1366

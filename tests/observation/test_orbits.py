@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from nebosvod.dynamics.constants import AU_KM, RADIUS_KM
+from nebosvod.dynamics.kepler import eccentric_anomaly, kepler_state
 from nebosvod.errors import InputError
 from nebosvod.observation import GeocentricOrbit, HeliocentricOrbit, LibrationOrbit, sun_synchronous
-from nebosvod.observation.earth_rotation import R_icrf_from_cirs
-from nebosvod.observation.geocentric import secular_rates
-from nebosvod.observation.kepler import eccentric_anomaly, kepler_state
-from nebosvod.observation.lagrange import linear_motion
+from nebosvod.observation.earth.earth_rotation import R_icrf_from_cirs
+from nebosvod.observation.spacecraft.geocentric import secular_rates
+from nebosvod.observation.spacecraft.lagrange import linear_motion
 from nebosvod.timescale import Epoch
 
 DAY = 86400.0

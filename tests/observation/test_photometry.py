@@ -6,7 +6,7 @@ import pytest
 from nebosvod.dynamics.constants import AU_KM
 from nebosvod.errors import InputError
 from nebosvod.observation import apparent_magnitude
-from nebosvod.observation.photometry import trailing_loss
+from nebosvod.observation.measurement.photometry import trailing_loss
 
 
 def magnitude(H, G, r_au, d_au, phase_deg):

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from nebosvod.errors import InputError
-from nebosvod.observation.astrometry_files import parse_astrometry
-from nebosvod.observation.records import Astrometry, joined
-from nebosvod.observation.source_file import SourceFile
+from nebosvod.observation.formats.reading import parse_astrometry
+from nebosvod.observation.formats.records import Astrometry, joined
+from nebosvod.observation.formats.source_file import SourceFile
 from nebosvod.timescale import Epoch
 
 ROWS = {

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from nebosvod.observation.astrometry_files import parse_astrometry, read_astrometry
-from nebosvod.observation.records import Astrometry, joined
-from nebosvod.observation.source_file import SourceFile
+from nebosvod.observation.formats.reading import parse_astrometry, read_astrometry
+from nebosvod.observation.formats.records import Astrometry, joined
+from nebosvod.observation.formats.source_file import SourceFile
 
 # made-up: the same three observations of a station and one of a spacecraft, in both formats of the Minor Planet Center
 OBS80 = """\

@@ -14,12 +14,11 @@ from nebosvod.observation import (
     HeliocentricCompanion,
     HeliocentricOrbit,
     Telescope,
-    astrometry,
     merge,
     observe,
-    rows,
     sight,
 )
+from nebosvod.observation.measurement import astrometry, rows
 
 T_S = np.linspace(0.5, 60.0, 40) * 86400.0
 PARTIALS = ("H_x", "H_x0", "H_z", "H_c", "rate", "noise", "Phi_emission", "zeta_emission")

@@ -5,11 +5,11 @@ import pytest
 
 from nebosvod.dynamics.constants import AU_KM, DAY_S
 from nebosvod.errors import InputError
-from nebosvod.observation import mpc80
-from nebosvod.observation.observers import telescopes
-from nebosvod.observation.short_arc import attributable, ranging
-from nebosvod.observation.two_body_fit import Arc
-from nebosvod.observation.weights import weigh
+from nebosvod.observation.formats import mpc80
+from nebosvod.observation.initial.short_arc import attributable, ranging
+from nebosvod.observation.initial.two_body_fit import Arc
+from nebosvod.observation.reduction.observers import telescopes
+from nebosvod.observation.reduction.weights import weigh
 
 ARCSEC = np.pi / 648000.0
 

@@ -11,7 +11,7 @@ from astropy.utils import iers
 
 from nebosvod.errors import CoverageError, InputError
 from nebosvod.observation import GroundSite
-from nebosvod.observation.sites import ground_states
+from nebosvod.observation.earth.sites import ground_states
 from nebosvod.timescale import Epoch, utc_jd
 
 EPOCH = Epoch.parse("2020-01-01T00:00:00 TDB")

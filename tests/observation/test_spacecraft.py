@@ -10,8 +10,8 @@ from astropy.utils import iers
 
 from nebosvod.errors import InputError
 from nebosvod.observation import Geostationary, HeliocentricCompanion
-from nebosvod.observation.earth_rotation import R_icrf_from_cirs, earth_rotation_angle
-from nebosvod.observation.spacecraft import rtn_axes, turn_about_ecliptic_pole
+from nebosvod.observation.earth.earth_rotation import R_icrf_from_cirs, earth_rotation_angle
+from nebosvod.observation.spacecraft.kinds import rtn_axes, turn_about_ecliptic_pole
 from nebosvod.timescale import Epoch, utc_jd
 
 EPOCH = Epoch.parse("2024-03-01T00:00:00 TDB")

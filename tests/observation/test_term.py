@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from nebosvod.errors import InputError
-from nebosvod.observation.term import root
+from nebosvod.observation.uncertainty.term import root
 
 
 def test_root_squares_to_the_covariance_also_when_it_is_singular():

@@ -5,9 +5,9 @@ import pytest
 
 from nebosvod.dynamics import ForceModel, propagate
 from nebosvod.dynamics.constants import AU_KM, DAY_S
-from nebosvod.observation.direction import ra_dec
-from nebosvod.observation.two_body_fit import Arc, costs, displacements, improve, residuals, shifts, trimmed_rms
-from nebosvod.observation.universal import fly
+from nebosvod.dynamics.twobody_many import fly
+from nebosvod.observation.initial.two_body_fit import Arc, costs, displacements, improve, residuals, shifts, trimmed_rms
+from nebosvod.observation.measurement.direction import ra_dec
 from nebosvod.timescale import Epoch
 
 ARCSEC = np.pi / 648000.0

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from nebosvod.dynamics.twobody import kepler
-from nebosvod.observation.universal import fly, lagrange_coefficients, stumpff
+from nebosvod.dynamics.twobody_many import fly, lagrange_coefficients, stumpff
 
 GM = 0.01720209895**2  # au^3/d^2
 

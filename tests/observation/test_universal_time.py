@@ -4,7 +4,7 @@ import erfa
 import numpy as np
 import pytest
 
-from nebosvod.observation.universal_time import delta_t_s, iso, month_days, tdb_times, ut1_jd
+from nebosvod.observation.earth.universal_time import delta_t_s, iso, month_days, tdb_times, ut1_jd
 from nebosvod.timescale import Epoch
 
 # TT - UT1 of the Astronomical Almanac, section K (annual means at the beginning of the year), seconds

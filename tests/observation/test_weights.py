@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from nebosvod.errors import DataError, InputError
-from nebosvod.observation import mpc80
-from nebosvod.observation.astrometry_files import read_astrometry
-from nebosvod.observation.mpc80 import parse
-from nebosvod.observation.mpc80_codes import CATALOGUES
-from nebosvod.observation.source_file import SourceFile
-from nebosvod.observation.weight_rules import COLUMNS, default_rules, parse_rules, read_rules
-from nebosvod.observation.weights import noise_covariance, weigh
+from nebosvod.observation.formats import mpc80
+from nebosvod.observation.formats.mpc80 import parse
+from nebosvod.observation.formats.mpc80_codes import CATALOGUES
+from nebosvod.observation.formats.reading import read_astrometry
+from nebosvod.observation.formats.source_file import SourceFile
+from nebosvod.observation.reduction.weight_rules import COLUMNS, default_rules, parse_rules, read_rules
+from nebosvod.observation.reduction.weights import noise_covariance, weigh
 
 ARCSEC = np.pi / 648000.0
 HEAD = ",".join(COLUMNS)

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from nebosvod.dynamics import Ephemeris, ForceModel, propagate
-from nebosvod.fit.sky import Sky
 from nebosvod.observation import GroundSite, Telescope, observe
-from nebosvod.observation.astrometry import merge
-from nebosvod.observation.direction import offset
+from nebosvod.observation.measurement.astrometry import merge
+from nebosvod.observation.measurement.direction import offset
+from nebosvod.observation.measurement.exposures import Sky
 from nebosvod.timescale import Epoch
 
 ARCSEC = np.pi / 648000.0

@@ -2,7 +2,7 @@
 
 import pytest
 
-from nebosvod.fit.condensed import condensed, foremost, without
+from nebosvod.results.condensed import condensed, foremost, without
 
 STATIONS = ["T12", "F51", "703", "J95"]
 SIGMAS = {

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from nebosvod.dynamics import ForceModel, Nongrav
-from nebosvod.estimation import Block, LinearProblem, Status, batch
-from nebosvod.fit.correction import Knowledge, correct
+from nebosvod.estimation import Block, LinearProblem, Status
+from nebosvod.estimation.solvers import batch
+from nebosvod.fits.correction import Knowledge, correct
 
 AU_KM = 149597870.7
 

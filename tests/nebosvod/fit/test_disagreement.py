@@ -13,15 +13,15 @@ import yaml
 
 from nebosvod.cli import main
 from nebosvod.dynamics import ForceModel, Nongrav, propagate
-from nebosvod.fit.engine import fit_object
-from nebosvod.fit.orbit import orbit_at
-from nebosvod.fit.sky import Sky, look
+from nebosvod.fits.engine import fit_object
+from nebosvod.fits.orbit import orbit_at
 from nebosvod.mission import FitMission
 from nebosvod.mission.fit import NIGHT_LIMIT
-from nebosvod.observation import weights
-from nebosvod.observation.astrometry_files import read_astrometry
-from nebosvod.observation.direction import offset
-from nebosvod.observation.observers import telescopes
+from nebosvod.observation.formats.reading import read_astrometry
+from nebosvod.observation.measurement.direction import offset
+from nebosvod.observation.measurement.exposures import Sky, look
+from nebosvod.observation.reduction import weights
+from nebosvod.observation.reduction.observers import telescopes
 from nebosvod.timescale import Epoch
 
 ARCSEC, DAY = np.pi / 648000.0, 86400.0

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from nebosvod.cli import main
-from nebosvod.report.fit_page import doubt, make_fit_report
+from nebosvod.report.fit.page import doubt, make_fit_report
 
 DATA = Path(__file__).resolve().parents[3].parent / "shared" / "data" / "observations"
 needs_data = pytest.mark.skipif(not DATA.is_dir(), reason="the folder of reference observations is not here")
@@ -70,7 +70,7 @@ def test_without_the_doubtful_ellipse_it_is_green(run: Path, tmp_path: Path) -> 
 
 @needs_data
 def test_the_terminal_says_it_beside_the_number(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    from nebosvod.fit.terminal import print_fit
+    from nebosvod.commands.fit_answer import print_fit
 
     print_fit(json.loads((run / "summary.json").read_text("utf-8")), None)
     lines = {name: line for line in capsys.readouterr().out.splitlines() if (name := line.strip().partition(" ")[0])}

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from nebosvod.fit.screening import PROMISING, Groups, promising
+from nebosvod.fits.screening import PROMISING, Groups, promising
 
 DAY = 86400.0
 

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from nebosvod.estimation import Status
-from nebosvod.estimation.rejection import Thresholds
-from nebosvod.fit.correction import correct
-from nebosvod.fit.growth import grow
-from nebosvod.fit.selection import select
-from nebosvod.fit.sky import Sky
+from nebosvod.estimation.solvers.rejection import Thresholds
+from nebosvod.fits.correction import correct
+from nebosvod.fits.growth import grow
+from nebosvod.fits.selection import select
+from nebosvod.observation.measurement.exposures import Sky
 
 ARCSEC = np.pi / 648000.0
 

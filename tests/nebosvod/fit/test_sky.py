@@ -5,7 +5,7 @@ import pytest
 
 from nebosvod.dynamics import ForceModel, Nongrav, propagate
 from nebosvod.errors import CoverageError, InputError
-from nebosvod.fit.sky import look
+from nebosvod.observation.measurement.exposures import look
 
 
 def test_directions_and_partials_are_those_of_the_observation_stage(made_sky):

@@ -15,19 +15,19 @@ from scipy.interpolate import CubicSpline
 
 from nebosvod.dynamics import ForceModel, propagate
 from nebosvod.dynamics.spkwriter import write_spk
-from nebosvod.fit.answer import answer
-from nebosvod.fit.engine import fit_object
-from nebosvod.fit.material import gather
-from nebosvod.fit.sky import Sky, look
-from nebosvod.fit.summary import summarise
-from nebosvod.fit.tables import all_arrays
+from nebosvod.fits.answer import answer
+from nebosvod.fits.engine import fit_object
 from nebosvod.mission import load_fit
 from nebosvod.observation import read_spk
-from nebosvod.observation.astrometry_files import read_astrometry
-from nebosvod.observation.direction import offset, residual
-from nebosvod.observation.observers import telescopes
-from nebosvod.observation.spacecraft import turn_about_ecliptic_pole
-from nebosvod.prior import STATE_NAMES
+from nebosvod.observation.formats.reading import read_astrometry
+from nebosvod.observation.measurement.direction import offset, residual
+from nebosvod.observation.measurement.exposures import Sky, look
+from nebosvod.observation.reduction.observers import telescopes
+from nebosvod.observation.spacecraft.kinds import turn_about_ecliptic_pole
+from nebosvod.results.fit_summary import summarise
+from nebosvod.results.fit_tables import all_arrays
+from nebosvod.scene.material import gather
+from nebosvod.scene.prior import STATE_NAMES
 from nebosvod.timescale import Epoch
 
 ARCSEC, DAY = np.pi / 648000.0, 86400.0

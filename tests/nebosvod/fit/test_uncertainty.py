@@ -19,18 +19,18 @@ from scipy.interpolate import CubicSpline
 from nebosvod.cli import main
 from nebosvod.dynamics import Ephemeris, ForceModel, propagate
 from nebosvod.errors import CoverageError, InputError
-from nebosvod.fit.answer import answer
-from nebosvod.fit.engine import fit_object
-from nebosvod.fit.material import gather
-from nebosvod.fit.sky import Sky, look
-from nebosvod.fit.stage import view_of
-from nebosvod.fit.summary import summarise
-from nebosvod.fit.tables import all_arrays
+from nebosvod.fits.answer import answer
+from nebosvod.fits.engine import fit_object
 from nebosvod.mission import load_fit
-from nebosvod.observation.astrometry_files import read_astrometry
-from nebosvod.observation.direction import offset
-from nebosvod.observation.observers import telescopes
-from nebosvod.prior import STATE_NAMES
+from nebosvod.observation.formats.reading import read_astrometry
+from nebosvod.observation.measurement.direction import offset
+from nebosvod.observation.measurement.exposures import Sky, look
+from nebosvod.observation.reduction.observers import telescopes
+from nebosvod.results.fit_summary import summarise
+from nebosvod.results.fit_tables import all_arrays
+from nebosvod.scene.material import gather
+from nebosvod.scene.prior import STATE_NAMES
+from nebosvod.scene.recorded import view_of
 from nebosvod.timescale import Epoch
 
 ARCSEC = np.pi / 648000.0

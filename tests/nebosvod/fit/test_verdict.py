@@ -11,23 +11,23 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-import nebosvod.fit.general
+import nebosvod.fits.general
 from nebosvod.cli import main
 from nebosvod.dynamics import ForceModel, propagate
 from nebosvod.estimation import Status
-from nebosvod.estimation.rejection import Thresholds
-from nebosvod.fit.answer import answer
-from nebosvod.fit.engine import fit_object
-from nebosvod.fit.general import estimate
-from nebosvod.fit.material import gather, prepare
-from nebosvod.fit.sky import Sky, look
-from nebosvod.fit.tables import all_arrays, residuals
-from nebosvod.fit.verdict import verdict
+from nebosvod.estimation.solvers.rejection import Thresholds
+from nebosvod.fits.answer import answer
+from nebosvod.fits.ending import verdict
+from nebosvod.fits.engine import fit_object
+from nebosvod.fits.general import estimate
 from nebosvod.mission import load_fit
-from nebosvod.observation.astrometry_files import read_astrometry
-from nebosvod.observation.direction import offset
-from nebosvod.observation.observers import telescopes
-from nebosvod.scene import force_model
+from nebosvod.observation.formats.reading import read_astrometry
+from nebosvod.observation.measurement.direction import offset
+from nebosvod.observation.measurement.exposures import Sky, look
+from nebosvod.observation.reduction.observers import telescopes
+from nebosvod.results.fit_tables import all_arrays, residuals
+from nebosvod.scene.material import gather, prepare
+from nebosvod.scene.scene import force_model
 from nebosvod.timescale import Epoch
 
 ARCSEC = np.pi / 648000.0
@@ -208,11 +208,11 @@ def test_the_bias_of_a_station_that_is_all_left_out_is_unknown_and_brings_it_bac
 def test_a_selection_that_does_not_stand_is_said(fit, monkeypatch):
     found = fit(BIASED)
     fewer = np.arange(30) != 4  # which comes back in the next round
-    monkeypatch.setattr(nebosvod.fit.general, "ROUNDS", 0)
+    monkeypatch.setattr(nebosvod.fits.general, "ROUNDS", 0)
     assert not again(found, fewer).stands
     assert again(found, np.ones(30, dtype=bool)).stands
-    monkeypatch.setattr(nebosvod.fit.general, "ROUNDS", 15)
-    monkeypatch.setattr(nebosvod.fit.general, "reselect", lambda chi2, chosen, *more: chosen ^ ~fewer)
+    monkeypatch.setattr(nebosvod.fits.general, "ROUNDS", 15)
+    monkeypatch.setattr(nebosvod.fits.general, "reselect", lambda chi2, chosen, *more: chosen ^ ~fewer)
     general = again(found, fewer)
     assert not general.stands
     judged = verdict(found.found, general)

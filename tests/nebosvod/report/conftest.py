@@ -354,7 +354,7 @@ def real_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run of the program itself: the smallest mission with a target on the sky, an ignored bias, and Monte Carlo."""
     from nebosvod.mission import load_mission
     from nebosvod.pipeline import run
-    from nebosvod.result import RunFolder
+    from nebosvod.results.result import RunFolder
 
     folder = tmp_path_factory.mktemp("real")
     built_in = Path(__file__).parents[3] / "scenarios" / "minimal.yaml"

@@ -10,10 +10,10 @@ from typing import Any
 
 import pytest
 
-from nebosvod.report.folder import read_folder
-from nebosvod.report.ledger import ledgers
-from nebosvod.report.page import make_report
-from nebosvod.report.wording import scale_of
+from nebosvod.report.kit.wording import scale_of
+from nebosvod.report.run.ledger import ledgers
+from nebosvod.report.run.page import make_report
+from nebosvod.results.folder import read_folder
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 QUIET = (

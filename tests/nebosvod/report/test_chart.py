@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from markupsafe import Markup
 
-from nebosvod.report import scale
-from nebosvod.report.chart import Chart
-from nebosvod.report.download import csv
-from nebosvod.report.sources import COLOUR, HATCH, kind_of, look, patterns
+from nebosvod.report.kit import scale
+from nebosvod.report.kit.chart import Chart
+from nebosvod.report.kit.download import csv
+from nebosvod.report.run.sources import COLOUR, HATCH, kind_of, look, patterns
 
 
 def back(text: str, pixel: float) -> float:

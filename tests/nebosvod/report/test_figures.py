@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nebosvod.report import ellipses, figures, geometry, page, scale, wording
-from nebosvod.report.folder import RunFolder, read_folder
+from nebosvod.report.kit import scale, wording
+from nebosvod.report.run import ellipses, figures, geometry, page
+from nebosvod.results.folder import RunFolder, read_folder
 from nebosvod.timescale import Epoch
 
 K = np.array([[4.0, 1.5], [1.5, 1.0]])

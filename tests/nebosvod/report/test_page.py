@@ -17,12 +17,12 @@ from typing import Any
 import pytest
 
 from nebosvod.errors import InputError
-from nebosvod.report.page import make_report
+from nebosvod.report.run.page import make_report
 
 NAMESPACES = ("http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink")
 DATA = re.compile(r'<data value="([^"]+)" data-unit="([^"]*)">([^<]+)</data>')
 LADDER = (1.0, 1e3, 1e6, 1e-3, 1 / 1.495978707e8, 1 / 3600.0, 100.0)
-RUN = "import sys, time; from pathlib import Path; from nebosvod.report.page import make_report; "
+RUN = "import sys, time; from pathlib import Path; from nebosvod.report.run.page import make_report; "
 
 
 @pytest.fixture(scope="module")

@@ -12,9 +12,9 @@ from matplotlib.image import imread
 from scipy import ndimage
 
 from nebosvod.errors import OutputError
-from nebosvod.report import pdf
-from nebosvod.report.chart import MARKERS, Chart
-from nebosvod.report.page import make_report
+from nebosvod.report.kit import pdf
+from nebosvod.report.kit.chart import MARKERS, Chart
+from nebosvod.report.run.page import make_report
 
 
 @pytest.fixture

@@ -11,10 +11,10 @@ from urllib.parse import unquote
 
 import pytest
 
-from nebosvod.report.folder import read_folder
-from nebosvod.report.ledger import best_remedy, ledgers
-from nebosvod.report.page import make_report
-from nebosvod.report.visibility import read_visibility
+from nebosvod.report.run.ledger import best_remedy, ledgers
+from nebosvod.report.run.page import make_report
+from nebosvod.report.run.visibility import read_visibility
+from nebosvod.results.folder import read_folder
 
 DATA = re.compile(r'<data value="([^"]+)" data-unit="([^"]*)">')
 FILE = re.compile(r'download="([^"]+)" href="data:text/csv;charset=utf-8,([^"]*)"')

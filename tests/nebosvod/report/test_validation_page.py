@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from nebosvod.report.validation_page import make_validation_report, write_validation_report
-from nebosvod.trust import Claim, Direction, judge
+from nebosvod.studies.trust import Claim, Direction, judge
 
 AXES = ("radially", "along the track", "normal to the orbit plane")
 

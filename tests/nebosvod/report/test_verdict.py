@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from nebosvod.report.facts import earlier_orbit, grouped, impact_clause, kind_of, position_shares
-from nebosvod.report.folder import RunFolder, read_folder
-from nebosvod.report.physical import kappa_partials, kappa_sentence
-from nebosvod.report.trust import doubtful, nonlinearity_sentence
-from nebosvod.report.verdict import blame_of, chi2_interval, verdict
+from nebosvod.report.kit.facts import earlier_orbit, grouped, impact_clause, kind_of, position_shares
+from nebosvod.report.run.physical import kappa_partials, kappa_sentence
+from nebosvod.report.run.trust import doubtful, nonlinearity_sentence
+from nebosvod.report.run.verdict import blame_of, chi2_interval, verdict
+from nebosvod.results.folder import RunFolder, read_folder
 
 
 @pytest.fixture(scope="module")

@@ -13,12 +13,12 @@ import pytest
 
 from nebosvod.dynamics import Ephemeris, propagate
 from nebosvod.dynamics.elements import cometary_to_state, equinoctial_to_state
-from nebosvod.fit.engine import OrbitFit, fit_object
-from nebosvod.fit.orbit import OrbitAt, orbit_at
+from nebosvod.fits.engine import OrbitFit, fit_object
+from nebosvod.fits.orbit import OrbitAt, orbit_at
 from nebosvod.mission import FitMission
-from nebosvod.observation.astrometry_files import read_astrometry
-from nebosvod.observation.records import Astrometry
-from nebosvod.scene import to_icrf
+from nebosvod.observation.formats.reading import read_astrometry
+from nebosvod.observation.formats.records import Astrometry
+from nebosvod.scene.scene import to_icrf
 from nebosvod.timescale import SECONDS_PER_DAY, Epoch
 from nebosvod.units import AU_KM, DEG
 

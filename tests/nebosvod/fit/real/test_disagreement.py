@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from nebosvod.fit.engine import OrbitFit
-from nebosvod.observation.astrometry_files import read_astrometry
+from nebosvod.fits.engine import OrbitFit
+from nebosvod.observation.formats.reading import read_astrometry
 
 A2_ESTIMATED = {"nongrav": {"A2": {"value": "0 au/d^2", "sigma": "1e-12 au/d^2", "treatment": "estimated"}}}
 

@@ -19,11 +19,11 @@ import pytest
 
 from nebosvod.dynamics import Ephemeris, ForceModel, propagate
 from nebosvod.estimation import Status
-from nebosvod.fit.correction import correct
-from nebosvod.fit.engine import OrbitFit
-from nebosvod.fit.sky import Sky
-from nebosvod.observation.astrometry_files import read_astrometry
-from nebosvod.observation.observers import telescopes
+from nebosvod.fits.correction import correct
+from nebosvod.fits.engine import OrbitFit
+from nebosvod.observation.formats.reading import read_astrometry
+from nebosvod.observation.measurement.exposures import Sky
+from nebosvod.observation.reduction.observers import telescopes
 
 ARCSEC = np.pi / 648000.0
 EXACT = {"clock": "1e-9 s"}

@@ -25,14 +25,15 @@ import pytest
 from nebosvod.dynamics import Ephemeris, ForceModel, Nongrav, Trajectory, propagate
 from nebosvod.dynamics.constants import SPEED_OF_LIGHT_KM_S
 from nebosvod.estimation import Status
-from nebosvod.fit.correction import Correction, correct
-from nebosvod.fit.sky import Sky, look
-from nebosvod.observation import mpc80, obscodes
-from nebosvod.observation.direction import offset
-from nebosvod.observation.observers import telescopes
-from nebosvod.observation.sites import GroundSite
-from nebosvod.observation.source_file import SourceFile
-from nebosvod.observation.weights import weigh
+from nebosvod.fits.correction import Correction, correct
+from nebosvod.observation.earth import obscodes
+from nebosvod.observation.earth.sites import GroundSite
+from nebosvod.observation.formats import mpc80
+from nebosvod.observation.formats.source_file import SourceFile
+from nebosvod.observation.measurement.direction import offset
+from nebosvod.observation.measurement.exposures import Sky, look
+from nebosvod.observation.reduction.observers import telescopes
+from nebosvod.observation.reduction.weights import weigh
 from nebosvod.timescale import Epoch
 
 Array = npt.NDArray[np.float64]

@@ -1,0 +1,1 @@
+"""One verb, one file: options, the call, words on the terminal."""

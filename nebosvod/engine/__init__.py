@@ -1,0 +1,1 @@
+"""Exposures and measured directions -> estimates and predictions; one truth or many."""

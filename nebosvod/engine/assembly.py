@@ -1,0 +1,219 @@
+"""Where the rooms meet: trajectory + telescopes + nuisances -> the matrices of estimation's LinearProblem.
+
+Data flow, for one linearisation at a `Point` (a value for every uncertain parameter):
+
+    Point --propagate--> Trajectory --observe--> Observation (psi, H_x0, H_c, H_z)
+    nuisances --term--> what each does to the measurements (H, covariance)
+    residual = observed - computed; blocks = state | each dynamic parameter | each common nuisance
+    priors   = what is known of each beforehand, as a deviation from the start of the iteration
+
+Cost and memory are linear in the number of measurements.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from nebosvod.dynamics import Trajectory
+from nebosvod.estimation import Block, LinearProblem, Markov, Prior, White
+from nebosvod.mission import Estimator
+from nebosvod.mission.fields import Treatment
+from nebosvod.observation import Common, Observation, Term, observe, residual
+from nebosvod.observation import Markov as MarkovTerm
+from nebosvod.observation.measurement.astrometry import ROW_FIELDS
+from nebosvod.observation.measurement.direction import offset
+from nebosvod.scene.prior import STATE_NAMES, PriorTable
+from nebosvod.scene.scene import Scene
+
+Array = npt.NDArray[np.float64]
+PIECE = 16_384  # epochs observed at a time
+SIMULATION_FIELDS = ("Phi_emission", "zeta_emission")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Point:
+    """Where the problem is linearised: the state (6,) and a value for every parameter and common nuisance."""
+
+    state: Array
+    parameters: Mapping[str, float]
+    nuisances: Mapping[str, float]
+
+    def moved(self, deviation: Mapping[str, float]) -> "Point":
+        """The point displaced by deviations of some of its values, by name."""
+        step = np.array([deviation.get(name, 0.0) for name in STATE_NAMES])
+        return Point(
+            state=self.state + step,
+            parameters={name: value + deviation.get(name, 0.0) for name, value in self.parameters.items()},
+            nuisances={name: value + deviation.get(name, 0.0) for name, value in self.nuisances.items()},
+        )
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Every value by name."""
+        return {**dict(zip(STATE_NAMES, self.state.tolist())), **self.parameters, **self.nuisances}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class View:
+    """What is computed at one point: the orbit, the measurements with partials, and what the nuisances do to them."""
+
+    point: Point
+    trajectory: Trajectory
+    observation: Observation
+    terms: tuple[Term, ...]
+
+
+def nominal_point(scene: Scene) -> Point:
+    """The reference orbit with every parameter at its nominal value and every nuisance at its mean."""
+    observation = _observation(scene, scene.trajectory, simulates=False)
+    means = {
+        name: float(value)
+        for term in _terms(scene, observation)
+        if isinstance(term, Common)
+        for name, value in zip(term.names, term.mean)
+    }
+    values = {parameter.name: parameter.value for parameter in scene.mission.free_parameters}
+    return Point(state=scene.state, parameters=values, nuisances=means)
+
+
+def view(scene: Scene, point: Point, *, simulates: bool = True) -> View:
+    """Propagate and observe at a point.
+
+    Parameters
+    ----------
+    simulates : whether measurements will be drawn about this point. Without, the partials that only simulation needs
+        are left empty: a fifth of the memory.
+    """
+    trajectory = scene.propagate(point.state, scene.forces.with_values(point.parameters))
+    observation = _observation(scene, trajectory, simulates)
+    return View(point=point, trajectory=trajectory, observation=observation, terms=_terms(scene, observation))
+
+
+def computed_psi(seen: View) -> Array:
+    """Computed directions (n, 2) with the common nuisances at the values of the point."""
+    shift = np.zeros((seen.observation.t_s.size, 2))
+    for term in seen.terms:
+        if isinstance(term, Common):
+            shift += term.H @ np.array([seen.point.nuisances[name] for name in term.names])
+    return offset(seen.observation.psi, shift)
+
+
+def linear_problem(
+    scene: Scene, estimator: Estimator, seen: View, observed_psi: Array, priors: PriorTable, about: Point
+) -> LinearProblem:
+    """The estimation problem of one estimator, linearised at the point of `seen`.
+
+    Parameters
+    ----------
+    observed_psi : shape (n, 2), rad, rows as in `seen.observation`.
+    priors : what is known beforehand (`nebosvod.scene.prior.prior_table`).
+    about : the point from which the prior means count, the start of an iteration.
+    """
+    mission, observation = scene.mission, seen.observation
+    blocks = [Block(name="state", names=STATE_NAMES, H=observation.H_x0, treatment="estimated")]
+    for column, parameter in enumerate(mission.free_parameters):
+        treatment = mission.treatment(estimator, parameter.group)
+        H = observation.H_c[:, :, column : column + 1]
+        blocks.append(Block(name=parameter.group, names=(parameter.name,), H=H, treatment=treatment))
+    own: list[Prior] = []
+    white: list[White] = []
+    markov: list[Markov] = []
+    for term in seen.terms:
+        treatment = nuisance_treatment(scene, estimator, term.name)
+        if isinstance(term, Common):
+            blocks.append(Block(name=term.name, names=term.names, H=term.H, treatment=treatment))
+            if term.covariance.any():
+                assumed = assumed_mean(scene, term, treatment)
+                mean = assumed - np.array([about.nuisances[name] for name in term.names])
+                own.append(Prior(name=term.name, names=term.names, covariance=term.covariance, mean=mean))
+        elif isinstance(term, MarkovTerm):
+            markov.append(
+                Markov(name=term.name, H=term.H, F=term.F, Q=term.Q, P0=term.P0, rows=term.rows, treatment=treatment)
+            )
+        else:
+            white.append(White(name=term.name, H=term.H, Q=term.Q, rows=term.rows, treatment=treatment))
+    return LinearProblem(
+        residual=residual(observed_psi, computed_psi(seen)),
+        R=observation.noise,
+        blocks=tuple(blocks),
+        priors=(*priors.at(about.values), *own),
+        white=tuple(white),
+        markov=tuple(markov),
+        noise_label=observation.telescope_index,
+        noise_names=tuple(f"measurement noise {telescope.name}" for telescope in observation.telescopes),
+        scale=_typical_sizes(scene),
+    )
+
+
+def nuisance_treatment(scene: Scene, estimator: Estimator, name: str) -> Treatment:
+    """What an estimator does with the source of this name."""
+    return scene.mission.source_treatment(estimator, scene.sources[name])
+
+
+def assumed_mean(scene: Scene, term: Common, treatment: Treatment) -> Array:
+    """What an estimator takes a common nuisance to be beforehand (k,).
+
+    Its mean where the estimator has it in its model; zero for a bias or a clock offset that it leaves out, whose mean
+    is then an error. The amplitude of the photocentre is a value of the model, as the radius is: always taken.
+    """
+    left_out = treatment in ("considered", "ignored") and scene.sources[term.name].group != "photocentre"
+    return np.zeros(len(term.names)) if left_out else term.mean
+
+
+def mean_errors(scene: Scene, estimator: Estimator, terms: Sequence[Term]) -> dict[str, float]:
+    """Mean of truth minus what the estimator assumes, by parameter; only those that are not zero."""
+    found: dict[str, float] = {}
+    for term in terms:
+        if isinstance(term, Common):
+            error = term.mean - assumed_mean(scene, term, nuisance_treatment(scene, estimator, term.name))
+            found |= {name: float(value) for name, value in zip(term.names, error) if value != 0.0}
+    return found
+
+
+def _observation(scene: Scene, trajectory: Trajectory, simulates: bool) -> Observation:
+    """The measurements of all telescopes that see anything, rows by time, then telescope.
+
+    Pieces go straight to their rows: joining whole telescopes would hold every array twice, a gigabyte at 10^6 epochs.
+    """
+    seeing = [number for number in range(len(scene.telescopes)) if scene.exposures_s(number).size]
+    times = [scene.exposures_s(number) for number in seeing]
+    t_s = np.concatenate(times)
+    index = np.repeat(np.arange(len(seeing)), [own.size for own in times])
+    order = np.lexsort((index, t_s))
+    row = np.empty(t_s.size, dtype=np.int64)
+    row[order] = np.arange(t_s.size)
+    rows: dict[str, Array] = {}
+    start = 0
+    for number, own in zip(seeing, times):
+        for first in range(0, own.size, PIECE):
+            piece = observe(trajectory, scene.telescopes[number], own[first : first + PIECE], scene.ephemeris)
+            here = row[start : start + piece.t_s.size]
+            start += piece.t_s.size
+            for name in ROW_FIELDS:
+                values = getattr(piece, name)
+                if name in SIMULATION_FIELDS and not simulates:
+                    rows[name] = values[:0]
+                    continue
+                rows.setdefault(name, np.empty((t_s.size, *values.shape[1:])))[here] = values
+    return Observation(
+        epoch=trajectory.epoch,
+        telescopes=tuple(scene.telescopes[number] for number in seeing),
+        telescope_index=index[order],
+        parameter_names=tuple(trajectory.parameter_names),
+        **rows,
+    )
+
+
+def _terms(scene: Scene, observation: Observation) -> tuple[Term, ...]:
+    return tuple(nuisance.term(observation, scene.ephemeris) for nuisance in scene.nuisances)
+
+
+def _typical_sizes(scene: Scene) -> dict[str, float]:
+    """Sizes that make parameters comparable where a weak direction is named: 1 km, 1 km over the arc, sigmas."""
+    arc = max(scene.span_s[1] - scene.span_s[0], 1.0)
+    sizes = dict(zip(STATE_NAMES, (1.0, 1.0, 1.0, 1.0 / arc, 1.0 / arc, 1.0 / arc)))
+    for parameter in scene.mission.free_parameters:
+        sizes[parameter.name] = parameter.sigma or abs(parameter.value) or 1.0
+    return sizes

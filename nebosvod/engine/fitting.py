@@ -1,0 +1,171 @@
+"""One estimator on one set of measurements: Gauss-Newton from the nominal point, with the solver the mission names."""
+
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+import numpy.typing as npt
+
+from nebosvod.dynamics import Trajectory
+from nebosvod.engine.assembly import Point, View, linear_problem, mean_errors, view
+from nebosvod.estimation import Estimate, History, IterationResult, LinearProblem, Status, gauss_newton
+from nebosvod.estimation.solvers import batch, recursive, separated, sequential
+from nebosvod.mission import Estimator
+from nebosvod.mission.request import OWN_GAIN
+from nebosvod.observation import Observation
+from nebosvod.scene.prior import PriorTable
+from nebosvod.scene.scene import Scene
+
+Array = npt.NDArray[np.float64]
+
+
+def as_printed(problem: LinearProblem) -> Estimate:
+    """The filter as printed; what it warns of is a note of its estimate, for the report to say."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        found = sequential.solve(problem, "as_printed")
+    said = sequential.as_printed_takes_afresh(problem)
+    return replace(found, notes=(*found.notes, said)) if said else found
+
+
+SOLVERS: Mapping[str, Callable[[LinearProblem], Estimate]] = {
+    "batch_qr": partial(batch.solve, way="qr"),
+    "batch_blocks": partial(batch.solve, way="blocks"),
+    "batch_identity": partial(batch.solve, way="identity"),
+    "recursive": partial(recursive.solve, history=False),
+    "two_stage": separated.solve,
+    "schmidt": partial(sequential.solve, gain="schmidt"),
+    "as_printed": as_printed,
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Fit:
+    """What one estimator found.
+
+    Attributes
+    ----------
+    estimate : of the problem linearised at the last point (`seen`), deviations counted from the start.
+    point : the estimated values; start values where nothing could be estimated, assumed ones of what is left out.
+    problem : the last linear problem.
+    seen : orbit and computed measurements at the last point.
+    history : sigmas after each measurement, of the gain of least squares; None for another gain, and where the
+        problem is not observable.
+    mean_errors : mean of truth minus assumed value, by parameter left out; those that are not zero.
+    """
+
+    estimator: Estimator
+    estimate: Estimate
+    status: Status
+    message: str
+    iterations: int
+    cost: tuple[float, ...]
+    point: Point
+    problem: LinearProblem
+    seen: View
+    history: History | None
+    mean_errors: Mapping[str, float]
+
+    def mean_error(self, W: Array, names: Sequence[str]) -> Array:
+        """Mean (d,) of estimated minus true w = W x, for what the estimator leaves out has a mean."""
+        moved: Array = W @ self.estimate.mean_shift(self.mean_errors, names)
+        return moved
+
+    @property
+    def own_gain(self) -> bool:
+        """Whether the estimator weighs otherwise than least squares."""
+        return self.estimator.method in OWN_GAIN
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """The orbit through the last point."""
+        return self.seen.trajectory
+
+    @property
+    def observation(self) -> Observation:
+        """The measurements computed at the last point."""
+        return self.seen.observation
+
+    @property
+    def prior_sigmas(self) -> dict[str, float]:
+        """Prior standard deviation of every parameter that has one."""
+        return {
+            name: float(np.sqrt(prior.covariance[index, index]))
+            for prior in self.problem.priors
+            for index, name in enumerate(prior.names)
+        }
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Convergence:
+    """Where the iteration of one estimator ended.
+
+    Attributes
+    ----------
+    found : its outcome, deviations counted from the start.
+    problem : linearised at the last point, priors about the start.
+    seen : orbit and computed measurements at the last point.
+    """
+
+    found: IterationResult
+    problem: LinearProblem
+    seen: View
+
+    @property
+    def point(self) -> Point:
+        """The estimated values; assumed ones of what is left out."""
+        return taken(self.seen.point, self.found.estimate)
+
+
+def converge(scene: Scene, estimator: Estimator, start: View, observed_psi: Array, priors: PriorTable) -> Convergence:
+    """Iterate an estimator to its end; parameters as of `fit`, whose numbers these are without the rest."""
+    latest: list[tuple[dict[str, float], View, LinearProblem]] = []
+
+    def linearise(deviation: Mapping[str, float]) -> LinearProblem:
+        moved = {name: value for name, value in deviation.items() if value != 0.0}
+        seen = view(scene, start.point.moved(moved), simulates=False) if moved else start
+        problem = linear_problem(scene, estimator, seen, observed_psi, priors, about=start.point)
+        latest[:] = [(moved, seen, problem)]
+        return problem
+
+    solve, damped = SOLVERS[estimator.method], estimator.method not in OWN_GAIN
+    found = gauss_newton(linearise, solve=solve, limit=estimator.iterations, damped=damped)
+    # the last call of the iteration may have been a rejected trial: then the view is taken anew where it ended
+    if latest[0][0] != {name: value for name, value in found.deviation.items() if value != 0.0}:
+        linearise(found.deviation)
+    return Convergence(found=found, problem=latest[0][2], seen=latest[0][1])
+
+
+def fit(scene: Scene, estimator: Estimator, start: View, observed_psi: Array, priors: PriorTable) -> Fit:
+    """Estimate from measured directions.
+
+    Parameters
+    ----------
+    start : the nominal point, seen; priors stay about it while the iteration moves.
+    observed_psi : shape (n, 2), rad.
+    """
+    ended = converge(scene, estimator, start, observed_psi, priors)
+    found = ended.found
+    shown = found.estimate.solution is not None and estimator.method not in OWN_GAIN
+    return Fit(
+        estimator=estimator,
+        estimate=found.estimate,
+        status=found.status,
+        message=found.message,
+        iterations=found.iterations,
+        cost=found.cost,
+        point=ended.point,
+        problem=ended.problem,
+        seen=ended.seen,
+        history=recursive.solve(ended.problem).history if shown else None,
+        mean_errors=mean_errors(scene, estimator, ended.seen.terms),
+    )
+
+
+def taken(point: Point, estimate: Estimate) -> Point:
+    """The last point of an iteration, with what the estimator leaves out at the value it assumes."""
+    if estimate.solution is None:
+        return point
+    return point.moved({name: estimate.value(name) for name in estimate.left_out})

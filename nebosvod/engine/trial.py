@@ -1,0 +1,234 @@
+"""One trial of Monte Carlo: a truth drawn and measured, an estimator, and what its estimate and its errors are.
+
+There are two ways to make one. Linear: the orbit of the truth is linear about the reference (by Phi and zeta), the
+measurement is not (direction and light time are computed in full), and one factorisation at the reference serves every
+truth (`nebosvod.estimation.accuracy.repeated`). Iterated: the truth is propagated with its own parameters and estimated from the
+prior to convergence, with the covariances of its own linearisation. `second_order` says whether the first will do.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from nebosvod.engine.assembly import View, computed_psi, linear_problem, mean_errors, nominal_point, view
+from nebosvod.engine.fitting import SOLVERS, converge
+from nebosvod.engine.truth import Truth, draw
+from nebosvod.errors import CoverageError, EventError, InputError
+from nebosvod.estimation import Block, Estimate, LinearProblem, Markov, White
+from nebosvod.estimation.accuracy.repeated import Repeated
+from nebosvod.estimation.problem.square_root import left_inverse, lower_factor
+from nebosvod.estimation.solvers.iteration import recentred, step_length
+from nebosvod.mission import Estimator, Mission
+from nebosvod.mission.request import OWN_GAIN
+from nebosvod.observation import Common, draw_noise, draw_truth, measure, residual
+from nebosvod.scene.prior import STATE_NAMES, PriorTable, prior_table
+from nebosvod.scene.scene import Scene, build_scene
+
+Array = npt.NDArray[np.float64]
+LINEAR_SIGMA = 0.05  # second-order terms below this do: it adds a four-hundredth to a variance
+PROBES = 6
+PROBING = 2  # key of their random numbers: 0 draws the runs, 1 the orbits about an estimate
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Estimating:
+    """One estimator, ready for any number of residual vectors about the nominal point.
+
+    Attributes
+    ----------
+    base : the problem at the nominal point with zero residual.
+    reference : its estimate; `solution` is None where the problem is not observable.
+    repeated : the affine map from residuals to estimates, where the method has one.
+    mean_errors : mean of truth minus assumed value, by parameter left out; those that are not zero.
+    """
+
+    estimator: Estimator
+    base: LinearProblem
+    reference: Estimate
+    repeated: Repeated | None
+    mean_errors: Mapping[str, float]
+
+    @classmethod
+    def of(cls, scene: Scene, estimator: Estimator, nominal: View, priors: PriorTable) -> "Estimating":
+        """Prepare an estimator at the nominal point."""
+        base = linear_problem(scene, estimator, nominal, computed_psi(nominal), priors, about=nominal.point)
+        reference = SOLVERS[estimator.method](base)
+        # all but these give K_formal H^T W v, so one factor serves every residual; these are solved anew for each
+        affine = estimator.method not in OWN_GAIN and reference.solution is not None
+        repeated = Repeated.of(base, reference) if affine else None
+        off = mean_errors(scene, estimator, nominal.terms)
+        return cls(estimator=estimator, base=base, reference=reference, repeated=repeated, mean_errors=off)
+
+    def mean(self, names: Sequence[str]) -> Array:
+        """Mean (k,) of estimate minus truth, for what is left out may have a mean."""
+        return self.reference.mean_shift(self.mean_errors, names)
+
+    def mean_residual(self, problem: LinearProblem | None = None) -> Array:
+        """What the mean errors do to the measurements (n, 2), which the estimator does not know of.
+
+        Parameters
+        ----------
+        problem : linearised somewhere else than at the nominal point.
+        """
+        total = np.zeros_like(self.base.residual)
+        for block in (self.base if problem is None else problem).blocks:
+            total += block.H @ np.array([self.mean_errors.get(name, 0.0) for name in block.names])
+        return total
+
+    def means(self, residuals: Array) -> Array:
+        """Estimated deviations (N, s) from the nominal point for residuals (N, n, 2)."""
+        if self.repeated is not None:
+            return self.repeated.means(residuals)
+        return np.array([self.solved_anew(one) for one in residuals])
+
+    @property
+    def treatments(self) -> tuple[str, ...]:
+        """What makes the problem of an estimator: the treatment of every source, in order."""
+        groups: tuple[Block | White | Markov, ...] = (*self.base.blocks, *self.base.white, *self.base.markov)
+        return tuple(group.treatment for group in groups)
+
+    def solved_anew(self, one: Array) -> Array:
+        """Estimated deviations (s,) by the estimator's own method, from the measurements on."""
+        return SOLVERS[self.estimator.method](replace(self.base, residual=one)).mean
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Setting:
+    """What every trial starts from: the scene, what is known beforehand, the nominal point seen, and the estimators.
+
+    Parameters of the orbit that are `fixed` have their nominal values in every truth.
+    """
+
+    scene: Scene
+    priors: PriorTable
+    nominal: View
+    estimating: tuple[Estimating, ...]
+    fixed: frozenset[str]
+
+    @classmethod
+    def of(cls, mission: Mission) -> "Setting":
+        """Build scene, nominal point and estimators of a mission."""
+        scene = build_scene(mission)
+        priors = prior_table(mission, scene.forces, scene.state)
+        return cls.at(scene, view(scene, nominal_point(scene)), priors, mission.estimators)
+
+    @classmethod
+    def at(cls, scene: Scene, nominal: View, priors: PriorTable, estimators: Sequence[Estimator]) -> "Setting":
+        """Prepare some estimators of a scene at its nominal point."""
+        found = tuple(Estimating.of(scene, estimator, nominal, priors) for estimator in estimators)
+        fixed = frozenset(one.name for one in scene.mission.free_parameters if one.treatment == "fixed")
+        return cls(scene=scene, priors=priors, nominal=nominal, estimating=found, fixed=fixed)
+
+
+def generator(seed: int, run: int) -> np.random.Generator:
+    """The random numbers of one run, whoever computes it."""
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(run,)))
+
+
+def measured_truth(setting: Setting, rng: np.random.Generator) -> tuple[Array, Mapping[str, float]]:
+    """Draw one truth and measure it: directions (n, 2), and every true value as a deviation from the nominal point."""
+    nominal = setting.nominal
+    values = nominal.point.values
+    truth = dict.fromkeys(values, 0.0)
+    truth |= {
+        name: value - values[name] for name, value in setting.priors.draw(rng).items() if name not in setting.fixed
+    }
+    drawn = draw_truth(nominal.terms, rng)
+    for term in nominal.terms:
+        if isinstance(term, Common):
+            truth |= {name: float(value) - values[name] for name, value in zip(term.names, drawn[term.name])}
+    psi = measure(
+        nominal.observation,
+        nominal.terms,
+        drawn,
+        state_deviation=np.array([truth[name] for name in STATE_NAMES]),
+        parameters_deviation=np.array([truth[name] for name in nominal.observation.parameter_names]),
+        noise=draw_noise(nominal.observation.noise, rng),
+    )
+    return psi, truth
+
+
+def possible(setting: Setting, rng: np.random.Generator) -> Truth | None:
+    """A truth, propagated and measured; None if the draw has no physics (a mass of zero, an orbit that hits a body)."""
+    try:
+        return draw(setting.scene, setting.priors, rng)
+    except (InputError, EventError):
+        return None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Trial:
+    """An estimate iterated to convergence on one drawn truth; its s + s_j parameters are those of the reference.
+
+    Attributes
+    ----------
+    errors : (s + s_j,), estimate minus truth, and assumed minus true value of the parameters left out.
+    mean : (s + s_j,), mean of the errors that the estimator's left-out sources promise.
+    factor_true, factor_formal : (s + s_j, s + s_j) and (s + s_j, s), of the covariances of this very estimate; rows of
+        zero in the formal one for the parameters left out.
+    problem : linearised at the estimate and counted from there, priors too.
+    """
+
+    errors: Array
+    mean: Array
+    factor_true: Array
+    factor_formal: Array
+    problem: LinearProblem
+
+
+def iterated(setting: Setting, one: Estimating, truth: Truth) -> Trial | None:
+    """Estimate a truth from the prior to convergence; None if the iteration does not converge."""
+    ended = converge(setting.scene, one.estimator, setting.nominal, truth.psi, setting.priors)
+    estimate = ended.found.estimate
+    if str(ended.found.status) != "converged":
+        return None
+    names = estimate.names + estimate.left_out
+    found, true = ended.point.values, truth.point.values
+    formal = np.zeros((len(names), len(estimate.names)))
+    formal[: len(estimate.names)] = lower_factor(estimate.S_formal)
+    return Trial(
+        errors=np.array([found[name] - true[name] for name in names]),
+        mean=estimate.mean_shift(one.mean_errors, names),
+        factor_true=estimate.factor(names),
+        factor_formal=formal,
+        problem=recentred(ended.problem, ended.found.deviation),
+    )
+
+
+def second_order(setting: Setting, seed: int) -> float:
+    """How far the linear step falls short of the iterated estimate, in sigmas: the largest over estimators.
+
+    A few truths are drawn and propagated; from the linear estimate of each one more step is taken. Its length, and the
+    change of the sigmas on the way (as a logarithm), are what is left out by stopping after the first: root mean square
+    over the truths. Infinite where a linear estimate is no orbit, or lies where nothing is determined.
+    """
+    kinds = {(one.treatments, one.repeated is None and one.estimator.method): one for one in setting.estimating}
+    computed = computed_psi(setting.nominal)
+    squares: dict[int, list[float]] = {}
+    for i in range(PROBES):
+        truth = possible(setting, np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(PROBING, i))))
+        if truth is None:
+            continue
+        for number, one in enumerate(kinds.values()):
+            if one.reference.solution is not None:
+                linear = one.means(residual(truth.psi, computed)[None])[0]
+                squares.setdefault(number, []).append(_short_of(setting, one, truth, linear) ** 2)
+    return max((float(np.sqrt(np.mean(found))) for found in squares.values()), default=0.0)
+
+
+def _short_of(setting: Setting, one: Estimating, truth: Truth, linear: Array) -> float:
+    """What is left to go from a linear estimate (s,), in sigmas, or the change of the sigmas if that is larger."""
+    scene, start = setting.scene, setting.nominal.point
+    deviation = dict(zip(one.reference.names, linear.tolist()))
+    try:
+        seen = view(scene, start.moved(deviation), simulates=False)
+        problem = linear_problem(scene, one.estimator, seen, truth.psi, setting.priors, about=start)
+        estimate = SOLVERS[one.estimator.method](recentred(problem, deviation))
+    except (InputError, CoverageError, EventError):
+        return np.inf
+    if estimate.solution is None:
+        return np.inf
+    ratio = np.linalg.svd(left_inverse(one.reference.S_formal) @ estimate.S_formal, compute_uv=False)
+    return max(step_length(estimate), float(np.abs(np.log(ratio)).max()))

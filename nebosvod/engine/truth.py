@@ -1,0 +1,56 @@
+"""The simulated truth of a run: every uncertainty drawn by its own model, then measured through the full geometry."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from nebosvod.engine.assembly import Point, nominal_point, view
+from nebosvod.observation import draw_noise, draw_truth, measure
+from nebosvod.scene.prior import PriorTable
+from nebosvod.scene.scene import Scene
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Truth:
+    """What was drawn, and what the telescopes then measured.
+
+    Attributes
+    ----------
+    point : true state, parameters and common nuisances.
+    nuisances : draws by source, (k,) for common ones, (r, q) for those of each exposure.
+    psi : (n, 2) measured RA and Dec, rad.
+    """
+
+    point: Point
+    nuisances: Mapping[str, Array]
+    psi: Array
+
+
+def draw(scene: Scene, priors: PriorTable, rng: np.random.Generator) -> Truth:
+    """Draw a truth about the prior means and measure it.
+
+    Parameters and state without a prior, and those the mission holds fixed, keep their nominal values.
+    """
+    fixed = {parameter.name for parameter in scene.mission.free_parameters if parameter.treatment == "fixed"}
+    nominal = nominal_point(scene)
+    drawn = {name: value for name, value in priors.draw(rng).items() if name not in fixed}
+    values = nominal.values
+    moved = nominal.moved({name: value - values[name] for name, value in drawn.items()})
+    seen = view(scene, moved)
+    nuisances = draw_truth(seen.terms, rng)
+    noise = draw_noise(seen.observation.noise, rng)
+    common = {
+        name: float(value)
+        for term in seen.terms
+        if term.name in nuisances and nuisances[term.name].ndim == 1
+        for name, value in zip(term.names, nuisances[term.name])
+    }
+    return Truth(
+        point=Point(state=moved.state, parameters=moved.parameters, nuisances=common),
+        nuisances=nuisances,
+        psi=measure(seen.observation, seen.terms, nuisances, noise=noise),
+    )

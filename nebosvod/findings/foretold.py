@@ -1,0 +1,147 @@
+"""What is foretold on an orbit and what cannot be: the one rule for a prediction that does not exist.
+
+It becomes a row with a status and a reason; the other predictions stand, and the command ends with 1. The same holds
+for one whose ellipse is larger than the body or the sky it lies on.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from nebosvod.dynamics import Trajectory
+from nebosvod.dynamics.surface import SURFACE_KM
+from nebosvod.engine.fitting import Fit
+from nebosvod.engine.quantity import ARCSEC, Disc, Quantity, chance, known_partials, quantity, time_scale
+from nebosvod.errors import NoAnswerError
+from nebosvod.estimation import Estimate
+from nebosvod.mission.request import Prediction
+from nebosvod.scene.prior import STATE_NAMES
+from nebosvod.scene.scene import Scene
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Unanswered:
+    """A prediction that does not exist for this orbit.
+
+    Attributes
+    ----------
+    request, status, reason : what was asked, one word, and the sentence that says why.
+    facts : what is known all the same, units in the key names.
+    disc, names : of its encounter, as of `Quantity`.
+    """
+
+    request: Prediction
+    status: str
+    reason: str
+    facts: Mapping[str, Any]
+    disc: Disc | None = None
+    names: tuple[str, ...] = ()
+
+
+class Foretold(NamedTuple):
+    """The predictions that exist for an orbit and can be believed, and the others."""
+
+    found: list[Quantity]
+    missing: list[Unanswered]
+
+
+def predicted(scene: Scene, trajectory: Trajectory, requests: Sequence[Prediction]) -> Foretold:
+    """The predictions that exist for an orbit, and those that do not."""
+    found, missing = [], []
+    for request in requests:
+        try:
+            found.append(quantity(scene, trajectory, request))
+        except NoAnswerError as error:
+            missing.append(unanswered(request, error, trajectory))
+    return Foretold(found, missing)
+
+
+def foretell(scene: Scene, fit: Fit, trajectory: Trajectory | None = None) -> Foretold:
+    """All predictions of a mission on the orbit one estimator found.
+
+    Parameters
+    ----------
+    trajectory : that orbit over everything that is asked for; by default as it was estimated.
+    """
+    requests, orbit = scene.mission.predictions, fit.trajectory if trajectory is None else trajectory
+    if fit.estimate.solution is None:
+        reason = f"the measurements do not determine the orbit: {fit.message}"
+        return Foretold(found=[], missing=[unknown_orbit(request, reason) for request in requests])
+    found, missing = predicted(scene, orbit, requests)
+    return believable(found, missing, fit.estimate)
+
+
+def unknown_orbit(request: Prediction, reason: str) -> Unanswered:
+    """What is said of a prediction when no orbit is known."""
+    return Unanswered(request=request, status="orbit_unknown", reason=reason, facts={})
+
+
+def unanswered(request: Prediction, error: NoAnswerError, trajectory: Trajectory | None = None) -> Unanswered:
+    """What an error says of a prediction."""
+    facts = dict(error.facts)
+    disc = facts.pop("disc", None)
+    names = (*STATE_NAMES, *trajectory.parameter_names) if trajectory is not None else ()
+    return Unanswered(request=request, status=error.status, reason=str(error), facts=facts, disc=disc, names=names)
+
+
+def unanswered_row(
+    missing: Unanswered, estimate: Estimate | None, estimator: str, mean_errors: Mapping[str, float] | None = None
+) -> dict[str, Any]:
+    """One entry of `predictions` for what does not exist for this orbit: status and reason instead of numbers."""
+    request = missing.request
+    row: dict[str, Any] = {
+        "name": request.name,
+        "estimator": estimator,
+        "status": missing.status,
+        "reason": missing.reason,
+        "asked_tdb": request.when.iso(),
+        "asked_utc": request.when.iso("utc"),
+        "time_scale": time_scale(request),
+        "plane": request.plane,
+        **missing.facts,
+    }
+    if missing.disc is not None and estimate is not None:
+        row |= chance(missing.disc, missing.names, estimate, mean_errors)
+    return row
+
+
+def in_order(rows: Sequence[dict[str, Any]], requests: Sequence[Prediction]) -> list[dict[str, Any]]:
+    """Rows of one estimator in the order in which a mission asks for them."""
+    place = {request.name: index for index, request in enumerate(requests)}
+    return sorted(rows, key=lambda row: place[row["name"]])
+
+
+def believable(found: Sequence[Quantity], missing: Sequence[Unanswered], estimate: Estimate) -> Foretold:
+    """The same without those whose 1 sigma ellipse is larger than the body, or the sky, it lies on."""
+    kept, without = [], list(missing)
+    for one in found:
+        said = _too_large(one, estimate)
+        if said is None:
+            kept.append(one)
+        else:
+            without.append(
+                Unanswered(
+                    request=one.request, status="too_uncertain", reason=said, facts=one.facts, disc=one.disc,
+                    names=one.names,
+                )
+            )  # fmt: skip
+    return Foretold(kept, without)
+
+
+def _too_large(one: Quantity, estimate: Estimate) -> str | None:
+    """Why an ellipse is no answer, or None."""
+    sky, ground = one.unit == "arcsec", one.request.plane == "entry"
+    if not (sky or ground):
+        return None
+    sigma = estimate.predict(*known_partials(one, estimate)).factor
+    axes = np.linalg.svd(sigma, compute_uv=False)
+    radius = 1.0 / ARCSEC if sky else SURFACE_KM[one.facts["body"]] + one.facts["altitude_km"]
+    if axes[0] < radius:
+        return None
+    size = " x ".join(f"{axis * ARCSEC / np.radians(1.0) if sky else axis:.4g}" for axis in axes)
+    what = "deg, larger than the sky" if sky else f"km, larger than {one.facts['body']} at that altitude"
+    return f"the 1 sigma ellipse would be {size} {what}: this orbit does not tell where; ask for b_plane" + (
+        " or rtn" if sky else ""
+    )

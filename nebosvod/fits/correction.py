@@ -1,0 +1,200 @@
+"""Differential correction: damped Gauss-Newton of state and dynamic parameters, white noise, arrays only.
+
+The cheap inner loop of a fit. Each iteration is one propagation, which re-uses steps and ephemeris nodes of the last
+one, one pass over all observations, and one QR of the whitened rows; the step is halved until the cost drops.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from nebosvod.dynamics import ForceModel, Trajectory, propagate
+from nebosvod.errors import CoverageError, EventError, InputError
+from nebosvod.estimation import Status
+from nebosvod.estimation.problem.square_root import Conditioning, append_rows, conditioning, solve_upper
+from nebosvod.observation.measurement.exposures import Look, Sky, look
+
+Array = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
+TOLERANCE = 1e-3  # of a sigma, root mean square over the parameters: what is left of the step when it has converged
+ARMIJO = 1e-4
+SHORTEST = 2.0**-20
+# Of a cost, which must not stop an iteration that stands at its minimum: 10^4 km from the Earth directions carry
+# 3e-12 rad, and with residuals of 70 sigma the cost 4e-9 of itself (2024 BX1, all outliers kept)
+ROUND_OFF = 1e-8
+LIMIT = 30
+CHUNK = 448  # rows reduced at a time: LAPACK wakes all threads for more than about 500
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Knowledge:
+    """What is known of state and parameters beforehand, as rows U (x - mean) = 0 +- 1.
+
+    Parameters
+    ----------
+    U : shape (k, 6 + m), an inverse factor of the covariance; zero columns where nothing is known.
+    mean : shape (6 + m,), km, km/s and the parameters' own units.
+    """
+
+    U: Array
+    mean: Array
+
+    def rows(self, x: Array) -> Array:
+        """The rows [U | U (mean - x)], shape (k, 7 + m)."""
+        return np.column_stack([self.U, self.U @ (self.mean - x)])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Correction:
+    """Where a differential correction ended.
+
+    Attributes
+    ----------
+    status : how; anything but `converged` says that the numbers below are of the last point, not of a minimum.
+    x : (6 + m,) heliocentric ICRF state at the epoch of the sky, km, km/s, and dynamic parameters.
+    S : (6 + m, 6 + m) factor of the covariance, K = S S^T; None where not observable.
+    trajectory, seen : the orbit through x, and what it says of every observation, selected or not.
+    cost : sum of the squared whitened residuals of the selected observations, and of the prior's.
+    step : length of the last full step in sigmas.
+    """
+
+    status: Status
+    x: Array
+    S: Array | None
+    conditioning: Conditioning
+    trajectory: Trajectory
+    seen: Look
+    cost: float
+    step: float
+    iterations: int
+
+    @property
+    def state(self) -> Array:
+        """Heliocentric ICRF state (6,)."""
+        return self.x[:6]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Point:
+    """One linearisation: x, the orbit through it, its look at the sky, and its cost."""
+
+    x: Array
+    trajectory: Trajectory
+    seen: Look
+    rows: Array
+    cost: float
+
+
+def correct(
+    sky: Sky,
+    x: Array,
+    forces: ForceModel,
+    *,
+    selected: Flags | None = None,
+    prior: Knowledge | None = None,
+    near: Correction | None = None,
+    limit: int = LIMIT,
+    tolerance: float = TOLERANCE,
+) -> Correction:
+    """Fit state and parameters to the selected observations.
+
+    Parameters
+    ----------
+    x : shape (6 + m,), start: heliocentric ICRF state at the epoch of the sky, and a value for each of
+        `forces.parameters`.
+    selected : shape (n,), which observations count; all by default.
+    near : an earlier correction of the same sky: its steps, ephemeris nodes and light times are used again.
+
+    Raises
+    ------
+    InputError, CoverageError, EventError
+        If the start itself cannot be propagated over the observations; later trouble only shortens a step.
+    """
+    chosen = np.ones(len(sky), dtype=bool) if selected is None else selected
+    point = _at(sky, x, forces, chosen, prior, near)
+    status, iterations, length = Status.ITERATION_LIMIT, 0, np.inf
+    while True:
+        triangle, step = _solved(point.rows)
+        if step is None:
+            status = Status.NOT_OBSERVABLE
+            break
+        length = float(np.linalg.norm(triangle[:, :-1][: len(x)] @ step)) / np.sqrt(len(x))
+        if length <= tolerance:
+            status = Status.CONVERGED
+            break
+        if iterations == limit:
+            break
+        found = _damped(sky, point, step, forces, chosen, prior)
+        if found is None:
+            status = Status.DIVERGED
+            break
+        point, iterations = found, iterations + 1
+    R = triangle[: len(x), : len(x)]
+    condition = conditioning(R)
+    if status is not Status.NOT_OBSERVABLE and not condition.observable:
+        status = Status.NOT_OBSERVABLE
+    return Correction(
+        status=status,
+        x=point.x,
+        S=solve_upper(R, np.eye(len(x))) if condition.observable else None,
+        conditioning=condition,
+        trajectory=point.trajectory,
+        seen=point.seen,
+        cost=point.cost,
+        step=length,
+        iterations=iterations,
+    )
+
+
+def _at(
+    sky: Sky, x: Array, forces: ForceModel, chosen: Flags, prior: Knowledge | None, near: Correction | Point | None
+) -> Point:
+    """Propagate, look, and whiten the rows [H | v] of the chosen observations and of the prior."""
+    model = forces.with_values(dict(zip(forces.parameters, x[6:].tolist()))) if forces.parameters else forces
+    grid, tau = (None, None) if near is None else (near.trajectory, near.seen.tau)
+    trajectory = propagate(x[:6], sky.epoch, sky.span_s, model, grid=grid)
+    seen = look(trajectory, sky, tau)
+    size = len(x)
+    rows = np.empty((len(sky), 2, size + 1))
+    rows[:, :, :size] = seen.H
+    rows[:, :, size] = seen.residual
+    W = sky.whitener
+    rows[:, 1] = W[:, 1, 0, None] * rows[:, 0] + W[:, 1, 1, None] * rows[:, 1]
+    rows[:, 0] *= W[:, 0, 0, None]
+    flat = (rows if chosen.all() else rows[chosen]).reshape(-1, size + 1)
+    if prior is not None:
+        flat = np.vstack([prior.rows(x), flat])
+    return Point(x=x, trajectory=trajectory, seen=seen, rows=flat, cost=float(flat[:, size] @ flat[:, size]))
+
+
+def _solved(rows: Array) -> tuple[Array, Array | None]:
+    """The triangle of the rows and the full step; None where the rows do not determine it."""
+    size = rows.shape[1] - 1
+    triangle = append_rows(np.zeros((0, size + 1)), rows, CHUNK)
+    if len(triangle) < size + 1:
+        triangle = np.vstack([triangle, np.zeros((size + 1 - len(triangle), size + 1))])
+    R = triangle[:size, :size]
+    diagonal = np.abs(np.diag(R))
+    if not (diagonal > 1e-13 * np.linalg.norm(R, axis=0)).all():
+        return triangle, None
+    return triangle, solve_upper(R, triangle[:size, size])
+
+
+def _damped(
+    sky: Sky, point: Point, step: Array, forces: ForceModel, chosen: Flags, prior: Knowledge | None
+) -> Point | None:
+    """Halve the step until the cost drops; an orbit that cannot be propagated has no cost. None when no step does."""
+    explained = point.rows @ np.append(step, 0.0)
+    promised = float(explained @ explained)
+    fraction = 1.0
+    while fraction >= SHORTEST:
+        try:
+            trial = _at(sky, point.x + fraction * step, forces, chosen, prior, point)
+        except (EventError, CoverageError, InputError):
+            trial = None
+        bound = point.cost - ARMIJO * fraction * promised + ROUND_OFF * max(point.cost, 1.0)
+        if trial is not None and trial.cost <= bound:
+            return trial
+        fraction *= 0.5
+    return None

@@ -1,0 +1,289 @@
+"""The fit of one object from its records to its estimate.
+
+records -> material -> start (given, or found from three directions) -> growth of the arc -> selection -> the estimator
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from nebosvod.dynamics import Ephemeris, ForceModel, propagate
+from nebosvod.errors import CoverageError, EventError, GeometryError, InputError, counted, noting
+from nebosvod.estimation import Status
+from nebosvod.estimation.problem.square_root import covariance_factor
+from nebosvod.estimation.solvers.rejection import Thresholds
+from nebosvod.fits.correction import Correction, Knowledge
+from nebosvod.fits.ending import Verdict, arc_words, verdict
+from nebosvod.fits.general import General, estimate, widened
+from nebosvod.fits.growth import grow
+from nebosvod.fits.leading import Course, Led, convinced
+from nebosvod.fits.selection import Selected, select
+from nebosvod.fits.shared_errors import Records, SharedError
+from nebosvod.mission import FitMission
+from nebosvod.mission.reading.places import asking
+from nebosvod.observation.formats.records import Astrometry
+from nebosvod.observation.initial.initial_orbit import StartingOrbit, attributable, candidates
+from nebosvod.observation.measurement.exposures import Sky
+from nebosvod.scene.dates import dated
+from nebosvod.scene.material import Material, prepare
+from nebosvod.scene.prior import STATE_NAMES, PriorTable, prior_table
+from nebosvod.scene.scene import force_model, reference_state, require_epochs
+from nebosvod.timescale import SECONDS_PER_DAY, Epoch
+
+Array = npt.NDArray[np.float64]
+RAD_TO_ARCSEC = 648000.0 / np.pi
+TRIED = 4  # starting orbits tried before the best of them is taken
+GOOD = 3.0  # chi squared for each selected observation, of which 2 are expected, below which no other start is tried
+MOST = 0.6  # of the observations that a good fit has selected
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class OrbitFit:
+    """Everything found about one object.
+
+    Attributes
+    ----------
+    mission : resolved: object, stations, and as its reference epoch that of the fit.
+    start : where the orbit came from, a sentence.
+    lean : the last differential correction and its selection.
+    general : the estimate with every source of error.
+    verdict : how it ended, and whether it may be believed.
+    found : the tests of shared errors and missing forces.
+    """
+
+    mission: FitMission
+    material: Material
+    start: str
+    lean: Selected
+    general: General
+    priors: PriorTable
+    verdict: Verdict
+    found: Led
+
+    @property
+    def errors(self) -> tuple[SharedError, ...]:
+        """Errors that the records of a station share."""
+        return self.found.errors
+
+    @property
+    def epoch(self) -> Epoch:
+        """At which state and covariance are meant."""
+        return self.mission.reference_epoch
+
+
+def fit_object(
+    records: Astrometry, mission: FitMission, ephemeris: Ephemeris, say: Callable[[str], None] = lambda message: None
+) -> OrbitFit:
+    """Fit the orbit of one object.
+
+    Parameters
+    ----------
+    records : of one object, from any number of files.
+    mission : what is asked, uncertain and known beforehand; its object may be without an orbit.
+    say : called with one line of text at each stage.
+
+    Raises
+    ------
+    GeometryError
+        If no starting orbit can be found; says what is known instead.
+    InputError, CoverageError, DataError, EventError
+        As the stages raise them; a lack of convergence or observability is a status of the answer.
+    """
+    require_epochs(mission, ephemeris)
+    designation, records = records.objects[0], dated(records, mission)
+    say(f"{designation}: placing {counted(len(records), 'observation')} of {counted(len(records.stations), 'station')}")
+    material = prepare(records, mission, ephemeris)
+    thresholds = thresholds_of(mission)
+    with noting(material.notices):
+        epoch, state, chosen, origin = _first_orbit(material, mission, ephemeris, thresholds, say)
+    resolved = mission.of(designation, material.names, epoch, state)
+    forces = force_model(resolved, ephemeris)
+    priors = prior_table(resolved, forces, _prior_mean(mission, resolved, forces, state))
+    say(f"{designation}: correcting the orbit")
+    solved = tuple(p.name for p in resolved.free_parameters if p.treatment == "estimated")
+    lean_forces = _with_columns(forces, solved)
+    sky = material.sky(epoch)
+    x = np.concatenate([state, lean_forces.values])
+    prior = knowledge(priors, solved)
+    wide = widened(resolved, material, sky, lean_forces, state)
+    lean = select(wide, x, lean_forces, thresholds, selected=chosen, prior=prior, limit=mission.fit.iterations)
+    weighed = material.weighed(sky, lean.correction.seen)
+    if weighed is not sky:
+        sky = weighed
+        wide = widened(resolved, material, sky, lean_forces, lean.correction.state)
+        lean = select(
+            wide, lean.correction.x, lean_forces, thresholds, selected=lean.selected, prior=prior,
+            limit=mission.fit.iterations,
+        )  # fmt: skip
+    say(f"{designation}: asking every station for shared errors")
+    course = Course(
+        material=material, records=_records(material, mission), treatment=mission.fit.of_shared_errors,
+        forces=lean_forces, thresholds=thresholds, prior=prior, limit=mission.fit.iterations,
+        skies=_skies(resolved, epoch, lean_forces),
+    )  # fmt: skip
+    found = convinced(course, sky, wide, lean)
+    material, sky, lean = found.material, found.sky, found.lean
+    say(f"{designation}: estimating")
+    values = dict(zip(solved, lean.correction.x[6:].tolist()))
+    general = estimate(
+        resolved, material, sky, forces.with_values(values), lean.correction.state, priors, lean.selected, thresholds
+    )
+    return OrbitFit(
+        mission=resolved,
+        material=material,
+        start=origin,
+        lean=lean,
+        general=general,
+        priors=priors,
+        found=found,
+        verdict=verdict(found, general),
+    )
+
+
+def _records(material: Material, mission: FitMission) -> Records:
+    """The records as tests of shared errors need them: what the settings say of a station is the user's affair."""
+    station = material.astrometry.station
+    named = [entry.stations for entry in mission.fit.uncertainty]
+    asked = np.array([not any(codes == "all" or code in codes for codes in named) for code in station.tolist()])
+    return Records(station=station, night=material.night, asked=asked)
+
+
+def _skies(mission: FitMission, epoch: Epoch, forces: ForceModel) -> Callable[[Material, Correction], tuple[Sky, Sky]]:
+    """A function that gives the sky of a material, and the same widened by what will be estimated."""
+
+    def skies(material: Material, near: Correction) -> tuple[Sky, Sky]:
+        sky = material.weighed(material.sky(epoch), near.seen)
+        return sky, widened(mission, material, sky, forces, near.state)
+
+    return skies
+
+
+def thresholds_of(mission: FitMission) -> Thresholds | None:
+    """The thresholds of a file; None where it rejects nothing."""
+    said = mission.fit.rejection
+    if not said.enabled:
+        return None
+    return Thresholds(reject=said.reject, recover=said.recover, fraction=said.fraction, fudge=said.fudge)
+
+
+def knowledge(priors: PriorTable, parameters: tuple[str, ...]) -> Knowledge | None:
+    """Priors of state and solved parameters as rows for the lean correction; None where nothing is known.
+
+    A prior that also holds parameters which are not solved for counts with its marginal covariance of those that are.
+    """
+    names = (*STATE_NAMES, *parameters)
+    rows, mean = [], np.zeros(len(names))
+    for _, known, centre, covariance in priors.entries:
+        inside = [place for place, name in enumerate(known) if name in names]
+        if not inside:
+            continue
+        columns = [names.index(known[place]) for place in inside]
+        L = covariance_factor(covariance[np.ix_(inside, inside)], "prior")
+        U = np.zeros((len(inside), len(names)))
+        U[:, columns] = np.linalg.solve(L, np.eye(len(inside)))
+        rows.append(U)
+        mean[columns] = centre[inside]
+    return Knowledge(U=np.vstack(rows), mean=mean) if rows else None
+
+
+def _with_columns(forces: ForceModel, parameters: tuple[str, ...]) -> ForceModel:
+    """The same forces with other columns of zeta."""
+    return replace(forces, parameters=parameters)
+
+
+def _prior_mean(mission: FitMission, resolved: FitMission, forces: ForceModel, state: Array) -> Array:
+    """The state a prior orbit is about: the orbit that was given, carried to the epoch of the fit."""
+    if mission.prior == "none" or mission.object.given_orbit is None:
+        return state
+    return _carried(mission, resolved.reference_epoch, forces)
+
+
+def _carried(mission: FitMission, epoch: Epoch, forces: ForceModel) -> Array:
+    """The given orbit at an epoch."""
+    here = mission.standing_for(reference_epoch=epoch)
+    with asking(mission, "object", "orbit"):
+        return reference_state(here, forces)
+
+
+def _first_orbit(
+    material: Material,
+    mission: FitMission,
+    ephemeris: Ephemeris,
+    thresholds: Thresholds | None,
+    say: Callable[[str], None],
+) -> tuple[Epoch, Array, npt.NDArray[np.bool_], str]:
+    """Epoch of the fit, state there, first selection, and where they came from."""
+    first, last = ephemeris.coverage(asteroids=mission.force_model.asteroids)
+    epoch = min(max(material.middle, first), last)
+    bare = _with_columns(force_model(mission, ephemeris), ())
+    if mission.object.given_orbit is not None:
+        return epoch, _carried(mission, epoch, bare), np.ones(len(material), dtype=bool), "the orbit given"
+    say("looking for a starting orbit")
+    found = candidates(material.astrometry, material.observers.state_km_km_s, ephemeris)
+    if not found:
+        raise GeometryError(f"{material.astrometry.objects[0]}: no starting orbit found; {_known(material)}")
+    best: tuple[float, Selected, StartingOrbit] | None = None
+    uncovered: CoverageError | None = None
+    for start in found[:TRIED]:
+        say("widening the arc about the starting orbit")
+        at = start.epoch + start.t_s
+        try:
+            grown = grow(material.sky(at), start.state, bare, thresholds, half_s=start.span_s / 2.0)
+        except CoverageError as error:
+            uncovered = error
+            continue
+        except (EventError, InputError):
+            continue  # runs into a body; the next one may not
+        merit = _merit(grown)
+        if best is None or merit < best[0]:
+            best = (merit, grown, start)
+        if merit < GOOD and grown.selected.mean() > MOST and grown.correction.status is Status.CONVERGED:
+            break
+    if best is None and uncovered is not None:
+        raise uncovered
+    if best is None:
+        text = "no starting orbit can be followed over the arc"
+        raise GeometryError(f"{material.astrometry.objects[0]}: {text}; {_known(material)}")
+    _, grown, start = best
+    at = start.epoch + start.t_s
+    origin = _origin(start, material)
+    try:
+        state = propagate(grown.correction.state, at, [epoch - at], bare, sensitivities=False).state[0]
+    except (
+        EventError
+    ):  # 0h may lie outside an arc of minutes, and the vague orbit of such an arc run into a body before
+        return at, grown.correction.state, grown.selected, origin
+    return epoch, np.array(state), grown.selected, origin
+
+
+def _origin(start: StartingOrbit, material: Material) -> str:
+    """Where a starting orbit came from, for a sentence."""
+    times = ", ".join(str(material.astrometry.utc[row])[:19] for row in start.triplet)
+    if start.method == "Gauss":
+        return f"Gauss's method on the directions of {times}"
+    return "a search over distances and their rates"
+
+
+def _known(material: Material) -> str:
+    """What is known without an orbit: the arc, direction and motion at its middle, whether it shows curvature."""
+    records = material.astrometry
+    try:
+        seen = attributable(records)
+    except InputError as error:
+        return str(error)
+    is_are = "is" if len(records) == 1 else "are"
+    what = f"known {is_are} {counted(len(records), 'observation')} over {arc_words(material)}"
+    rate = np.linalg.norm(seen.rate_rad_s) * SECONDS_PER_DAY * RAD_TO_ARCSEC
+    curved = f"curved by {seen.significance:.1f} sigma" if seen.significance > 0.0 else "a straight line"
+    return (
+        f"{what}: at the middle RA {np.degrees(seen.psi[0]):.4f} deg, Dec {np.degrees(seen.psi[1]):+.4f} deg, "
+        f"moving {rate:.4g} arcsec a day, {curved}; give object.orbit in a settings file if one is known"
+    )
+
+
+def _merit(found: Selected) -> float:
+    """Cost for each selected observation; observations left out cost as much as the threshold of rejection."""
+    chosen = found.selected
+    return (found.correction.cost + 8.0 * float((~chosen).sum())) / len(chosen)

@@ -1,0 +1,244 @@
+"""The converged orbit in the program's one estimator: every source of error with its treatment.
+
+Where sources are only considered, ignored or already in the weights, this is one linear solve at the orbit that the
+lean correction found. Where one is estimated, the orbit is iterated anew with it, and the observations are judged anew
+by residuals from which it has been taken.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import cast
+
+import numpy as np
+import numpy.typing as npt
+
+from nebosvod.dynamics import ForceModel, propagate
+from nebosvod.engine.assembly import Point, View, linear_problem, mean_errors
+from nebosvod.engine.fitting import Fit, taken
+from nebosvod.errors import CoverageError, EventError
+from nebosvod.estimation import Estimate, LinearProblem, gauss_newton
+from nebosvod.estimation.solvers import batch
+from nebosvod.estimation.solvers.rejection import Thresholds, chi_squared, reselect, settled, turning
+from nebosvod.mission import FitMission
+from nebosvod.observation import Common, Markov, White
+from nebosvod.observation.measurement.exposures import Look, Sky, look
+from nebosvod.scene.material import Material
+from nebosvod.scene.prior import PriorTable
+from nebosvod.scene.recorded import STATED, scene_of, view_of
+from nebosvod.scene.scene import Scene
+
+Array = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
+ROUNDS = 15
+TOLERANCE = 2e-3  # of a sigma: the lean correction stops at half of that
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class General:
+    """What the estimator found.
+
+    Attributes
+    ----------
+    residual : (n, 2) of every observation after the fit, estimated sources taken out, rad.
+    spread : (n, 2) standard deviation of each residual, noise and the orbit's error together, rad.
+    chi2 : (n,) by the covariance of each residual.
+    stands : whether another round would select the same; without, the rounds went in a circle or to their limit.
+    """
+
+    scene: Scene
+    fit: Fit
+    selected: Flags
+    seen: Look
+    residual: Array
+    spread: Array
+    chi2: Array
+    stands: bool = True
+
+
+def estimate(
+    mission: FitMission,
+    material: Material,
+    sky: Sky,
+    forces: ForceModel,
+    state: Array,
+    priors: PriorTable,
+    selected: Flags,
+    thresholds: Thresholds | None,
+) -> General:
+    """Estimate with every source of error, and select anew where that changes the residuals.
+
+    Parameters
+    ----------
+    sky : with all white errors in its weights.
+    forces : with every parameter that is not fixed as a column, at the values the lean correction found.
+    state : (6,) where the lean correction ended.
+    selected : (n,) its selection.
+    """
+    history: list[Flags] = []
+    held = np.zeros(len(sky), dtype=bool)
+    found = _once(mission, material, sky, forces, state, priors, selected)
+    anew = any(source.error.treatment == "estimated" for source in mission.sources)
+    while thresholds is not None and anew and found.fit.estimate.solution is not None:
+        latest = reselect(found.chi2, selected, thresholds, len(found.fit.estimate.names) // 2 + 1, held)
+        if np.array_equal(latest, selected):
+            break
+        if settled(history, latest) and not held.any():
+            held = turning([*history, selected], latest)
+            latest = latest | held
+            history = []
+        if settled(history, latest) or len(history) == ROUNDS:
+            return replace(found, stands=False)
+        history.append(selected)
+        selected = latest
+        found = _once(mission, material, sky, forces, found.fit.point.state, priors, selected)
+    return found
+
+
+def widened(mission: FitMission, material: Material, sky: Sky, forces: ForceModel, state: Array) -> Sky:
+    """The sky with every source that will be estimated as more noise of each observation by itself.
+
+    A selection that does not know a source yet would take all of a telescope for gross errors.
+
+    Parameters
+    ----------
+    state : (6,) near the orbit, at the epoch of the sky.
+    """
+    if not any(source.error.treatment == "estimated" for source in mission.sources):
+        return sky
+    every = np.arange(len(sky))
+    trajectory = propagate(state, sky.epoch, sky.span_s, forces)
+    scene = scene_of(mission, material, forces, trajectory, every)
+    point = Point(state=state, parameters={}, nuisances={})
+    R = sky.R.copy()
+    for term in view_of(scene, point, material, trajectory, look(trajectory, sky), every).terms:
+        if term.treatment != "estimated" or term.name == STATED:
+            continue
+        if isinstance(term, Common):
+            R += term.H @ term.covariance @ term.H.transpose(0, 2, 1)
+        else:
+            R[term.rows] += term.H @ _marginal(term) @ term.H.transpose(0, 2, 1)
+    return sky.weighed(R)
+
+
+def _once(
+    mission: FitMission,
+    material: Material,
+    sky: Sky,
+    forces: ForceModel,
+    state: Array,
+    priors: PriorTable,
+    selected: Flags,
+) -> General:
+    """One selection: Gauss-Newton from the state until it stands."""
+    rows = np.flatnonzero(selected)
+    estimator = mission.estimators[0]
+    values = dict(zip(forces.parameters, forces.values.tolist()))
+    first = propagate(state, sky.epoch, sky.span_s, forces)
+    scene = scene_of(mission, material, forces, first, rows)
+    seen = look(first, sky)
+    start = view_of(scene, Point(state=state, parameters=values, nuisances={}), material, first, seen, rows)
+    start = _with_means(start)
+    latest: list[tuple[View, Look]] = [(start, seen)]
+
+    def linearise(deviation: Mapping[str, float]) -> LinearProblem:
+        latest[0] = (start, seen)
+        if any(value != 0.0 for value in deviation.values()):
+            point = start.point.moved(deviation)
+            trajectory = propagate(point.state, sky.epoch, sky.span_s, forces.with_values(point.parameters), grid=first)
+            there = look(trajectory, sky, seen.tau)
+            latest[0] = (view_of(scene, point, material, trajectory, there, rows), there)
+        return linear_problem(scene, estimator, latest[0][0], material.observed[rows], priors, about=start.point)
+
+    try:
+        found = gauss_newton(linearise, solve=batch.solve, limit=mission.fit.iterations, tolerance=TOLERANCE)
+    except (EventError, CoverageError):  # a step of a vague orbit ran into a body: what is known stands at the start
+        found = gauss_newton(linearise, solve=batch.solve, limit=0)
+    problem = linearise(found.deviation)
+    view, there = latest[0]
+    fit = Fit(
+        estimator=estimator,
+        estimate=found.estimate,
+        status=found.status,
+        message=found.message,
+        iterations=found.iterations,
+        cost=found.cost,
+        point=taken(view.point, found.estimate),
+        problem=problem,
+        seen=view,
+        history=None,
+        mean_errors=mean_errors(scene, estimator, view.terms),
+    )
+    residual, spread, chi2 = _judged(scene, material, sky, fit, there, selected)
+    return General(scene=scene, fit=fit, selected=selected, seen=there, residual=residual, spread=spread, chi2=chi2)
+
+
+def _with_means(view: View) -> View:
+    """The view from a point at which every common nuisance has its mean."""
+    means = {
+        name: float(value)
+        for term in view.terms
+        if isinstance(term, Common)
+        for name, value in zip(term.names, term.mean)
+    }
+    point = Point(state=view.point.state, parameters=view.point.parameters, nuisances=means)
+    return View(point=point, trajectory=view.trajectory, observation=view.observation, terms=view.terms)
+
+
+def _judged(
+    scene: Scene, material: Material, sky: Sky, fit: Fit, seen: Look, selected: Flags
+) -> tuple[Array, Array, Array]:
+    """Residual (n, 2), its standard deviation (n, 2) and chi squared (n,) of every observation, selected or not.
+
+    Estimated nuisances common to many observations are taken out of the residuals; those of an observation that was
+    left out and belongs to a station without any other are unknown, so their covariance joins its noise. So does that
+    of errors drawn anew or correlated in time, which are in the weights.
+    """
+    estimate: Estimate = fit.estimate
+    R, residual = sky.R.copy(), seen.residual.copy()
+    if estimate.solution is None:
+        return residual, np.sqrt(np.diagonal(R, axis1=1, axis2=2)), np.full(len(sky), np.nan)
+    every = np.arange(len(sky))
+    everyone = scene_of(cast(FitMission, scene.mission), material, scene.forces, fit.trajectory, every)
+    whole = view_of(everyone, fit.point, material, fit.trajectory, seen, every)
+    H = np.zeros((len(sky), 2, len(estimate.names)))
+    column = {name: place for place, name in enumerate(estimate.names)}
+    known = dict(zip((*_state_names(fit), *seen_parameters(fit)), range(seen.H.shape[2])))
+    for name, place in known.items():
+        if name in column:
+            H[:, :, column[name]] = seen.H[:, :, place]
+    for term in whole.terms:
+        if not isinstance(term, Common):
+            if (
+                term.treatment == "estimated" and term.name != STATED
+            ):  # in the weights; stated ones are in those of the sky
+                R[term.rows] += term.H @ _marginal(term) @ term.H.transpose(0, 2, 1)
+            continue
+        for k, name in enumerate(term.names):
+            if name in column:
+                H[:, :, column[name]] = term.H[:, :, k]
+                residual -= term.H[:, :, k] * fit.point.nuisances[name]
+            elif term.treatment == "estimated":
+                R += term.covariance[k, k] * term.H[:, :, k, None] * term.H[:, None, :, k]
+    noise, orbit = np.diagonal(R, axis1=1, axis2=2), np.sum((H @ estimate.S_formal) ** 2, axis=2)
+    spread = np.sqrt(np.maximum(noise + np.where(selected, -1.0, 1.0)[:, None] * orbit, 1e-3 * noise))
+    return residual, spread, chi_squared(residual, R, H, estimate.S_formal, selected)
+
+
+def _marginal(term: White | Markov) -> Array:
+    """Covariance (r, q, q) of an error drawn anew, or correlated in time, at each of its rows by itself."""
+    if isinstance(term, White):
+        return term.Q
+    P = np.empty_like(term.Q)
+    P[0] = term.P0
+    for row in range(1, len(P)):
+        P[row] = term.F[row] @ P[row - 1] @ term.F[row].T + term.Q[row]
+    return P
+
+
+def _state_names(fit: Fit) -> tuple[str, ...]:
+    return fit.problem.blocks[0].names
+
+
+def seen_parameters(fit: Fit) -> tuple[str, ...]:
+    """The dynamic parameters in the order of their columns."""
+    return fit.observation.parameter_names

@@ -1,0 +1,199 @@
+"""The orbit a fit found, at any epoch: state and elements with covariance, and how far from another orbit it is."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from nebosvod.dynamics import ForceModel, Nongrav, Trajectory, propagate
+from nebosvod.dynamics.elements import cometary_to_state, state_to_cometary, state_to_keplerian
+from nebosvod.errors import CoverageError, EventError, GeometryError
+from nebosvod.estimation import Estimate, lower_factor
+from nebosvod.estimation.accuracy.formed import matrices
+from nebosvod.mission import FitMission
+from nebosvod.mission.fit import Reference
+from nebosvod.mission.orbit import SbdbOrbit
+from nebosvod.scene.prior import STATE_NAMES
+from nebosvod.scene.scene import orbit_state, to_icrf
+from nebosvod.timescale import SECONDS_PER_DAY, Epoch
+from nebosvod.units import AU_KM, DEG
+
+Array = npt.NDArray[np.float64]
+ELEMENTS = ("e", "q_au", "tp_jd_tdb", "node_deg", "peri_deg", "i_deg")
+KEPLERIAN = ("a_au", "e", "i_deg", "node_deg", "peri_deg", "mean_anomaly_deg")
+TO_PRINT = np.array([1.0, 1.0 / AU_KM, 1.0 / SECONDS_PER_DAY, 1.0 / DEG, 1.0 / DEG, 1.0 / DEG])
+TO_PRINT_KEPLERIAN = np.array([1.0 / AU_KM, 1.0, 1.0 / DEG, 1.0 / DEG, 1.0 / DEG, 1.0 / DEG])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class OrbitAt:
+    """State and its error at one epoch, heliocentric ICRF, km and km/s.
+
+    Attributes
+    ----------
+    S : (6, 6) lower factor of the true covariance; S_formal : of what the estimator believes.
+    gm_sun_km3_s2 : for the elements.
+    """
+
+    epoch: Epoch
+    state: Array
+    S: Array
+    S_formal: Array
+    gm_sun_km3_s2: float
+
+    @property
+    def covariance(self) -> Array:
+        """True covariance (6, 6)."""
+        return self.S @ self.S.T
+
+    def cometary(self) -> tuple[Array, Array] | None:
+        """`ELEMENTS` on the ecliptic of J2000, and the factor (6, 6) of their covariance; None where undefined."""
+        found = self._elements(state_to_cometary, TO_PRINT)
+        if found is None:
+            return None
+        values, factor = found
+        values[2] += self.epoch.day + self.epoch.fraction
+        values[3:5] = np.mod(values[3:5], 360.0)
+        return values, factor
+
+    def keplerian(self) -> tuple[Array, Array] | None:
+        """`KEPLERIAN` on the ecliptic of J2000, and the factor (6, 6) of their covariance; None where undefined."""
+        found = self._elements(state_to_keplerian, TO_PRINT_KEPLERIAN)
+        if found is None:
+            return None
+        values, factor = found
+        values[3:5] = np.mod(values[3:5], 360.0)
+        if values[1] < 1.0:
+            values[5] = np.mod(values[5], 360.0)
+        return values, factor
+
+    def _elements(self, convert: Any, scale: Array) -> tuple[Array, Array] | None:
+        rotation = to_icrf(np.eye(6)).T
+        try:
+            values, jacobian = convert(rotation @ self.state, self.gm_sun_km3_s2)
+        except GeometryError:
+            return None
+        return scale * values, scale[:, None] * (jacobian @ rotation @ self.S)
+
+
+def orbit_at(estimate: Estimate, trajectory: Trajectory, t_s: float) -> OrbitAt:
+    """The state of a fitted trajectory at a time, with the error that the estimate gives it.
+
+    Parameters
+    ----------
+    estimate : of the state at the trajectory's epoch; its true covariance is carried, shares of every source included.
+    """
+    at = trajectory.at([t_s])
+    known = [name for name in trajectory.parameter_names if name in (*estimate.names, *estimate.left_out)]
+    columns = [trajectory.parameter_names.index(name) for name in known]
+    found = estimate.predict(np.hstack([at.Phi[0], at.zeta[0][:, columns]]), (*STATE_NAMES, *known))
+    return OrbitAt(
+        epoch=trajectory.epoch + t_s,
+        state=np.array(at.state[0]),
+        S=found.factor,
+        S_formal=found.factor_formal,
+        gm_sun_km3_s2=trajectory.forces.ephemeris.gm_km3_s2["sun"],
+    )
+
+
+def elements_block(orbit: OrbitAt) -> dict[str, Any] | None:
+    """Elements with sigmas as the summary has them; None where they are undefined."""
+    cometary, keplerian = orbit.cometary(), orbit.keplerian()
+    if cometary is None or keplerian is None:
+        return None
+    block: dict[str, Any] = {"frame": "ecliptic of J2000, heliocentric"}
+    for names, (values, factor) in ((ELEMENTS, cometary), (KEPLERIAN, keplerian)):
+        sigma = np.linalg.norm(factor, axis=1)
+        block |= {name: {"value": float(v), "sigma": float(s)} for name, v, s in zip(names, values, sigma)}
+    block["names"] = list(ELEMENTS)
+    S = lower_factor(cometary[1])
+    return block | matrices(covariance=S) | {"factor": S.tolist()}
+
+
+def compared(
+    reference: Reference, mission: FitMission, estimate: Estimate, fitted: OrbitAt, forces: ForceModel
+) -> dict[str, Any]:
+    """How far a fitted orbit is from a reference orbit, in sigmas, at the epoch of the reference.
+
+    Each orbit is carried by its own forces alone: the fitted one, with its covariance, to the epoch of the reference,
+    whose numbers stand as they are. Where the fitted orbit does not reach so far (an impact, the end of the ephemeris)
+    the reference is carried to the epoch of the fit by the forces that came with it.
+
+    Parameters
+    ----------
+    fitted : the fitted orbit at its epoch; forces : of the fit, at the values it found.
+
+    Notes
+    -----
+    chi^2 = d^T K^-1 d with the difference d of the states, 6 degrees of freedom. The two orbits rest on the same
+    observations as a rule, so their difference should be well below the sigma of either: chi^2 far below 6.
+    """
+    at = reference.orbit.epoch
+    try:
+        along = propagate(fitted.state, fitted.epoch, [at - fitted.epoch], forces)
+        orbit = orbit_at(estimate, along, at - fitted.epoch)
+    except (EventError, CoverageError):
+        orbit = fitted
+    theirs, carried = _reference_state(reference, mission, orbit, forces)
+    difference = orbit.state - theirs
+    whitened = np.linalg.solve(orbit.S, difference)
+    block: dict[str, Any] = {
+        "name": reference.name,
+        "epoch_tdb": orbit.epoch.iso(),
+        "difference_km_km_s": difference.tolist(),
+        "difference_position_km": float(np.linalg.norm(difference[:3])),
+        "chi2": float(whitened @ whitened),
+        "dof": 6,
+        "sigmas": (np.abs(difference) / np.linalg.norm(orbit.S, axis=1)).tolist(),
+        "chi2_by_reference": None,
+        "sigma_ratio": None,
+    }
+    if carried is not None:
+        own = np.linalg.solve(carried, difference)
+        block["chi2_by_reference"] = float(own @ own)
+        block["sigma_ratio"] = (np.linalg.norm(orbit.S, axis=1) / np.linalg.norm(carried, axis=1)).tolist()
+    return block
+
+
+def _reference_state(
+    reference: Reference, mission: FitMission, orbit: OrbitAt, forces: ForceModel
+) -> tuple[Array, Array | None]:
+    """State (6,) of the reference at the epoch of an orbit, and the factor (6, 6) of its covariance, if it has one."""
+    shaped = mission.standing_for(object=mission.object.model_copy(update={"orbit": reference.orbit}))
+    gm = orbit.gm_sun_km3_s2
+    start = orbit_state(shaped, gm)
+    own = _own_forces(reference, forces)
+    gap = orbit.epoch - reference.orbit.epoch
+    along = propagate(start, reference.orbit.epoch, [gap], own)
+    joint = reference.joint
+    if joint is None:
+        return np.array(along.state[0]), None
+    jacobian = np.eye(6)
+    if joint.representation == "cometary":
+        back = to_icrf(np.eye(6)).T @ start if joint.frame == "ecliptic_j2000" else start
+        jacobian = cometary_to_state(state_to_cometary(back, gm)[0], gm)[1]
+    if joint.frame == "ecliptic_j2000":
+        jacobian = to_icrf(jacobian)
+    order = (
+        ("e", "q", "tp", "node", "peri", "i")
+        if joint.representation == "cometary"
+        else ("x", "y", "z", "vx", "vy", "vz")
+    )
+    index = [joint.names.index(name) for name in order]
+    scale = np.sqrt(np.diag(joint.covariance))[index]
+    correlation = joint.covariance[np.ix_(index, index)] / scale[:, None] / scale
+    values, vectors = np.linalg.eigh(correlation)
+    factor = scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
+    return np.array(along.state[0]), lower_factor(along.Phi[0] @ jacobian @ factor)
+
+
+def _own_forces(reference: Reference, forces: ForceModel) -> ForceModel:
+    """The forces of the fit with the non-gravitational values that came with the reference orbit, and no others."""
+    if not isinstance(reference.orbit, SbdbOrbit):
+        return replace(forces, parameters=(), nongrav=None)
+    values: Mapping[str, float] = {
+        f"{label.lower()}_au_d2": reference.orbit.nongrav_value(label) or 0.0 for label in ("A1", "A2", "A3")
+    }
+    return replace(forces, parameters=(), nongrav=Nongrav(**values) if any(values.values()) else None)

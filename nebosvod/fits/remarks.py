@@ -1,0 +1,128 @@
+"""What the tests of a fit found, in words: missing forces, shared errors, whole stations rejected, sigmas too large."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy.stats import chi2 as chi_square
+
+from nebosvod.errors import counted
+from nebosvod.fits import missing_force, shared_errors
+from nebosvod.fits.general import General
+from nebosvod.fits.leading import NOTE, Led
+from nebosvod.fits.shared_errors import LEAST, SharedError, dates, parts
+from nebosvod.fits.suggestion import entry, flow
+from nebosvod.scene.material import Material
+
+Rows = npt.NDArray[np.int64]
+SPOKEN = 4  # shared errors, or groups rejected as a whole, spoken of one by one
+GENEROUS = 0.5  # of its degrees of freedom, below which a small chi squared is spoken of
+RARE = 1e-3  # chance of so small a one
+
+
+def findings(found: Led, general: General) -> Iterator[str]:
+    """Cautions, the gravest first."""
+    force = missing_force.words(found.forces)
+    if force:
+        yield force
+    for one in found.errors[:SPOKEN]:
+        yield f"{told(one, found.material)}; {_treated(found, one)}"
+    if len(found.errors) > SPOKEN:
+        names = ", ".join(dict.fromkeys(one.station for one in found.errors[SPOKEN:]))
+        yield f"shared errors of more than 5 sigma also at {names}; treated alike"
+    whole = list(_deserted(found.material, general))
+    yield from whole[:SPOKEN]
+    if len(whole) > SPOKEN:
+        yield f"and {len(whole) - SPOKEN} more stations, visits or nights of which every record was rejected"
+
+
+def told(one: SharedError, material: Material) -> str:
+    """A shared error as a clause."""
+    utc = material.astrometry.utc
+    rows = one.rows[np.argsort(material.astrometry.t_s[one.rows])]
+    return shared_errors.words(one, (str(utc[rows[0]]), str(utc[rows[-1]])))
+
+
+def _treated(found: Led, one: SharedError) -> str:
+    """What was done about it."""
+    if one.kind == "scatter" and any(note.endswith(NOTE) for note in set(found.material.rule[one.rows].tolist())):
+        return "so their sigmas were enlarged by that factor"
+    if any(note.endswith(NOTE) for note in set(found.material.rule[one.rows].tolist())):
+        return "so they weigh as one record of that size"
+    return "their weights were left as they are"
+
+
+def shared_rows(found: Led, general: General) -> list[dict[str, Any]]:
+    """Shared errors for the summary."""
+    epoch = general.scene.epoch
+    return [
+        {
+            "station": one.station,
+            "n_observations": len(one.rows),
+            "kind": one.kind,
+            "sigmas": {kind: float(value) for kind, value in one.significance.items()},
+            "sigmas_corrected": float(one.corrected),
+            "n_tests": one.tried,
+            "estimate": [float(value) for value in one.estimate],
+            "sigma": [float(value) for value in one.sigma],
+            "unit": {"clock": "s", "drift": "arcsec/d", "scatter": "times"}.get(one.kind, "arcsec"),
+            "rms_ra_arcsec": float(one.size_rad[0] / shared_errors.ARCSEC),
+            "rms_dec_arcsec": float(one.size_rad[1] / shared_errors.ARCSEC),
+            "told": told(one, found.material),
+            "settings": flow(entry(one, epoch)),
+        }
+        for one in found.errors
+    ]
+
+
+def force_rows(found: Led) -> list[dict[str, Any]]:
+    """Missing forces for the summary."""
+    return [
+        {
+            "name": one.label,
+            "sigmas_before": float(one.before),
+            "sigmas_after": float(one.after),
+            "estimate_au_d2": float(one.estimate),
+            "sigma_au_d2": float(one.sigma),
+        }
+        for one in found.forces
+    ]
+
+
+def notices(found: Led, general: General) -> Iterator[str]:
+    """What is no caution: sigmas that are larger than the residuals say."""
+    estimate, material = general.fit.estimate, found.material
+    if estimate.solution is None:
+        return
+    plain = general.selected.copy()
+    for one in found.errors:
+        plain[one.rows] = False
+    v = general.residual[plain] * (material.thinning / material.sigma_rad.T).T[plain]
+    freedom = v.size - len(estimate.names)
+    if freedom <= 0:
+        return
+    chi2 = float(np.sum(v**2))
+    if chi2 < GENEROUS * freedom and chi_square.cdf(chi2, freedom) < RARE:
+        yield (
+            f"the residuals are smaller than the weights expect, chi squared {chi2:.3g} for "
+            f"{counted(freedom, 'degree')} of freedom before nights are thinned: stated sigmas may be "
+            f"{np.sqrt(freedom / max(chi2, 1e-12)):.2g} times too large"
+        )
+
+
+def _deserted(material: Material, general: General) -> Iterator[str]:
+    """Stations, and visits and nights of others, of which every record was rejected."""
+    records, out = material.astrometry, ~general.selected
+    for code in np.unique(records.station[out]).tolist():
+        rows = np.flatnonzero(records.station == code)
+        rows = rows[np.argsort(records.t_s[rows], kind="stable")]
+        if out[rows].all() and len(rows) > 1:
+            yield f"every one of {counted(len(rows), 'record')} of {code} was rejected"
+            continue
+        said = np.zeros(len(rows), dtype=np.bool_)
+        for part in parts(records.t_s[rows], material.night[rows]):
+            if len(part) >= LEAST and out[rows[part]].all() and not said[part].all():
+                said[part] = True
+                when = dates(str(records.utc[rows[part[0]]]), str(records.utc[rows[part[-1]]]))
+                yield f"every one of {counted(len(part), 'record')} of {code}{when} was rejected"

@@ -1,0 +1,146 @@
+"""The settings that would mend what the score tests of a fit found: `uncertainty`, and a force to estimate."""
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from nebosvod.errors import DataError, InputError
+from nebosvod.fits.leading import Led
+from nebosvod.fits.missing_force import foremost
+from nebosvod.fits.shared_errors import ARCSEC, SharedError
+from nebosvod.mission import FitMission
+from nebosvod.mission.fields import slug
+from nebosvod.timescale import SECONDS_PER_DAY, Epoch
+
+WIDER = 2.0  # prior sigma against the size that was found: it must not lead
+SHORTEST_S = 0.5 * SECONDS_PER_DAY
+PARTS = 20.0  # of the span: correlation time of a wander
+PATHS = ("weights", "debias")
+
+
+def entry(one: SharedError, epoch: Epoch) -> dict[str, Any]:
+    """The entry of `fit.uncertainty` for one shared error.
+
+    Parameters
+    ----------
+    epoch : from which `span_s` counts.
+    """
+    size = WIDER * float(np.max(one.size_rad)) / ARCSEC
+    sigma = f"{max(size, 0.01):.2g} arcsec"
+    error: dict[str, Any] = {"sigma": sigma}
+    group = "bias"
+    if one.kind == "clock":
+        group, error = "timing", {"sigma": f"{WIDER * abs(one.estimate[0]):.2g} s"}
+    elif one.kind == "drift" and one.whole:
+        middle = epoch + (one.span_s[0] + one.span_s[1]) / 2.0
+        rate = WIDER * max(abs(value) for value in one.estimate)
+        error |= {"correlation": "drift", "drift": f"{rate:.2g} arcsec/d", "epoch": f"{middle.iso(digits=0)}"}
+    elif one.kind in ("drift", "wander"):
+        length = (one.span_s[1] - one.span_s[0]) / (1.0 if one.kind == "drift" else PARTS)
+        error |= {"correlation": "gauss_markov", "time": f"{max(length, SHORTEST_S) / SECONDS_PER_DAY:.2g} d"}
+    elif one.kind == "scatter":
+        error |= {"correlation": "per_arc", "gap": "0.5 d"}
+    elif not one.whole:
+        night = one.span_s[1] - one.span_s[0] < SECONDS_PER_DAY
+        error |= {"correlation": "per_arc", "gap": "0.5 d" if night else "30 d"}
+    return {"stations": [one.station], group: error | {"treatment": "estimated"}}
+
+
+def flow(block: Mapping[str, Any]) -> str:
+    """A block as YAML on one line."""
+    return yaml.safe_dump(dict(block), default_flow_style=True, sort_keys=False, width=10_000).strip()
+
+
+def suggested(mission: FitMission, found: Led, epoch: Epoch, folder: Path) -> dict[str, Any]:
+    """The settings of a fit with what its tests would mend added.
+
+    Parameters
+    ----------
+    epoch : from which the spans of shared errors count.
+    folder : where the settings will stand; files are named as they are seen from there.
+    """
+    given: dict[str, Any] = (yaml.safe_load(mission._text) or {}) if mission._text else {}
+    said: dict[str, Any] = given | {"schema_version": 1, "name": f"{slug(mission.name, 'name')}-mended"}
+    plan = dict(said.get("fit") or {}) | _plan(mission)
+    plan["observations"] = [_from(folder, mission, name) for name in mission.fit.observations]
+    plan |= {key: _from(folder, mission, plan[key]) for key in PATHS if plan.get(key)}
+    carriers = {code: dict(block) for code, block in dict(plan.get("spacecraft") or {}).items()}
+    for block in carriers.values():
+        block["file"] = _from(folder, mission, block["file"])
+    if carriers:
+        plan["spacecraft"] = carriers
+    entries = plan.get("uncertainty") or []
+    entries = [entries] if isinstance(entries, dict) else list(entries)
+    taken: set[tuple[str, str]] = set()
+    for one in found.errors:
+        block = entry(one, epoch)
+        key = (one.station, next(name for name in block if name != "stations"))
+        if key not in taken:
+            taken.add(key)
+            entries.append(block)
+    if entries:
+        plan["uncertainty"] = entries
+    force = foremost(found.forces)
+    if force is not None:
+        body = dict(said.get("object") or {})
+        sigma = f"{WIDER * abs(force.estimate):.2g} au/d^2"
+        value = {"value": "0 au/d^2", "sigma": sigma, "treatment": "estimated"}
+        body["nongrav"] = dict(body.get("nongrav") or {}) | {force.label: value}
+        said["object"] = body
+    said["fit"] = plan
+    return said
+
+
+def writable(path: Path, overwrite: bool) -> None:
+    """Refuse a name for suggested settings before anything is computed.
+
+    Raises
+    ------
+    InputError
+        If the file is there and must not be replaced, or is no settings file by its name.
+    """
+    if path.suffix not in (".yaml", ".yml"):
+        raise InputError(f"--suggest: {path} is no settings file by its name; give it .yaml")
+    if path.exists() and not overwrite:
+        raise InputError(f"--suggest: {path} exists already; choose another name, or give --overwrite")
+
+
+def write_suggestion(path: Path, mission: FitMission, found: Led, epoch: Epoch, overwrite: bool) -> None:
+    """Write those settings.
+
+    Raises
+    ------
+    InputError
+        If the file is there and must not be replaced.
+    DataError
+        If it cannot be written.
+    """
+    text = yaml.safe_dump(suggested(mission, found, epoch, path.parent), sort_keys=False, allow_unicode=True, width=110)
+    try:
+        with path.open("w" if overwrite else "x", encoding="utf-8") as file:
+            file.write(text)
+    except FileExistsError:
+        raise InputError(f"{path}: exists already; choose another name for --suggest, or give --overwrite") from None
+    except OSError as error:
+        raise DataError(f"{path}: cannot be written ({error.strerror or error})") from None
+
+
+def _plan(mission: FitMission) -> dict[str, Any]:
+    """What a command line has said beside the files."""
+    plan: dict[str, Any] = {}
+    if mission.fit.designation:
+        plan["designation"] = list(mission.fit.designation)
+    for key, when in (("from", mission.fit.since), ("to", mission.fit.until)):
+        if when is not None:
+            plan[key] = f"{when.iso('utc', 0)}"
+    return plan
+
+
+def _from(folder: Path, mission: FitMission, name: str) -> str:
+    """A file named beside the settings, or on the command line, as seen from another folder."""
+    full = (mission.beside(name) if mission.path is not None else Path(name)).resolve()
+    return os.path.relpath(full, folder.resolve())

@@ -1,0 +1,174 @@
+"""From a mission file to a `Mission`: read, inherit, validate, and say everything that is wrong at once."""
+
+import os
+import re
+from collections.abc import Iterator
+from itertools import islice
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from nebosvod import __version__
+from nebosvod.errors import InputError
+from nebosvod.mission.fields import KeyPath
+from nebosvod.mission.fit import FitMission
+from nebosvod.mission.model import SCHEMA_VERSION, Mission
+from nebosvod.mission.reading import cost, flight, rules
+from nebosvod.mission.reading.builtin import builtin_names, builtin_path
+from nebosvod.mission.reading.explain import Explainer
+from nebosvod.mission.reading.inputs import resolve_files
+from nebosvod.mission.yaml.inherit import resolve_like
+from nebosvod.mission.yaml.yamlfile import Mark, Problem, Tree, YamlFile, parse_yaml, read_text, shown
+
+
+def load_mission(path: str | Path) -> Mission:
+    """Load a mission file, or a built-in mission by its name; as `load_any`, but refuse a file for `nebosvod fit`."""
+    mission = load_any(path)
+    if isinstance(mission, FitMission):
+        name = shown(str(path))
+        raise InputError(f"{name}: has a fit block, so there is nothing to simulate; it is for: nebosvod fit {name}")
+    return mission
+
+
+def load_any(path: str | Path) -> Mission:
+    """Load a mission file, a built-in mission by its name, or a file for `nebosvod fit`.
+
+    Parameters
+    ----------
+    path : a file, or one of the names of `list_missions()`; a file of that name comes first.
+
+    Raises
+    ------
+    InputError
+        With one line for each thing that is wrong, `file:line:col: field: what; hint`, in the order of the file.
+    """
+    if not isinstance(path, str | Path):
+        kind = type(path).__name__
+        raise InputError(f"a mission is loaded by a path or a built-in name, text or pathlib.Path (got {kind})")
+    file = Path(path)
+    if _exists(file) and file.is_dir():
+        raise InputError(f"{shown(str(path))}: {_folder(file)}")
+    if isinstance(path, str) and path in builtin_names() and not os.path.lexists(path):
+        file = builtin_path(path)
+    elif isinstance(path, str) and not _exists(file) and not file.suffix and os.sep not in path:
+        raise InputError(rules.unknown(path, builtin_names(), "mission, and no file of that name"))
+    return _load(parse_yaml(read_text(file), shown(str(path))), file)
+
+
+def load_fit(path: str | Path) -> FitMission:
+    """Load a file for `nebosvod fit`.
+
+    Raises
+    ------
+    InputError
+        As `load_any` does, and if the file is a mission to be simulated.
+    """
+    mission = load_any(path)
+    if not isinstance(mission, FitMission):
+        raise InputError(f"{shown(str(path))}: has no fit block; it is a mission for: nebosvod run {shown(str(path))}")
+    return mission
+
+
+def load_mission_text(text: str, name: str = "mission") -> Mission:
+    """Load a mission from text; `name` stands for the file in messages. It may not refer to other files."""
+    return _load(parse_yaml(text, name), None)
+
+
+def require_mission(value: object, function: str) -> None:
+    """Refuse what is no mission where a function of this package is given one.
+
+    Raises
+    ------
+    InputError
+        If it is none, or a file for `nebosvod fit`; says how to get one.
+    """
+    if isinstance(value, FitMission):
+        raise InputError(f"{function}: the mission has a fit block, so there is nothing to simulate; see nebosvod fit")
+    if not isinstance(value, Mission):
+        got = f"load_mission({value!r})" if isinstance(value, str | Path) and len(str(value)) < 80 else "load_mission"
+        raise InputError(f"{function}: needs a mission, as {got} gives it (got {type(value).__name__})")
+
+
+def _folder(path: Path) -> str:
+    """What to do with a folder in place of a mission file."""
+    said = shown(str(path))
+    if all((path / name).is_file() for name in ("manifest.json", "summary.json")):
+        return f"is the folder of a run, not a mission; make its page again with: nebosvod report {said}"
+    files = sorted(one.name for one in islice(path.glob("*.yaml"), 1000))
+    return "is a directory" + (
+        f"; give a mission file in it, as {shown(str(path / files[0]))}"
+        if files
+        else ", and holds no .yaml; give a mission file, or a name that nebosvod missions lists"
+    )
+
+
+def _exists(path: Path) -> bool:
+    try:
+        return os.path.lexists(path)
+    except ValueError:
+        return True  # a name no file can have; reading it says so
+
+
+def _load(file: YamlFile, path: Path | None) -> Mission:
+    """Validate what was read."""
+    tree, aliases, problems = resolve_like(file)
+    if not isinstance(tree, dict):
+        raise _refusal(file, [Problem(Mark(1, 1), "a mission is a block of keys, such as schema_version: 1")])
+    _refuse_newer(file, tree)
+    tree, found = resolve_files(tree, path.parent if path is not None else None)
+    model = FitMission if "fit" in tree else Mission
+    explainer = Explainer(file, tree, aliases, model)
+    problems += [*file.problems, *(explainer.problem(*item) for item in (*found, *_repeated_names(tree, explainer)))]
+    try:
+        mission = model.model_validate(tree)
+    except ValidationError as error:
+        raise _refusal(file, problems + explainer.explain(error)) from None
+    wrong = (*rules.complaints(mission), *flight.complaints(mission), *cost.complaints(mission))
+    problems += [explainer.problem(*item) for item in wrong]
+    if problems:
+        raise _refusal(file, problems)
+    mission._path, mission._text, mission._as_read = path, file.text, dict(mission.__dict__)
+    mission._read_again = _read_again
+    return mission
+
+
+def _read_again(text: str, name: str, path: Path | None) -> Mission:
+    """A mission edited in Python, beside the files of the one it was."""
+    return _load(parse_yaml(text, name), path)
+
+
+def _refuse_newer(file: YamlFile, tree: dict[str, Tree]) -> None:
+    """A file of a later program is refused before anything else is said about it."""
+    version = tree.get("schema_version")
+    if isinstance(version, int) and not isinstance(version, bool) and version > SCHEMA_VERSION:
+        text = (
+            f"schema_version: is newer than this program (got {str(version)[:20]}; nebosvod {__version__} "
+            f"reads up to {SCHEMA_VERSION}); install a newer nebosvod"
+        )
+        raise _refusal(file, [Problem(file.values[("schema_version",)], text)])
+
+
+def _repeated_names(tree: dict[str, Tree], explainer: Explainer) -> Iterator[tuple[KeyPath, str]]:
+    """Telescopes, shared sources, estimators and predictions are told apart by their names."""
+    for part in ("telescopes", "shared", "estimators", "predictions"):
+        rows = tree.get(part)
+        first: dict[str, int] = {}
+        for i, row in enumerate(rows if isinstance(rows, list) else []):
+            name = row.get("name") if isinstance(row, dict) else None
+            if not isinstance(name, str):
+                continue
+            if name in first:
+                line = explainer.mark((part, first[name], "name")).line
+                what = f'"{shown(name, 60)}" is already the name of {part}[{first[name]}] on line {line}'
+                yield (part, i, "name"), f"{what}; give each its own"
+            first.setdefault(name, i)
+
+
+def _refusal(file: YamlFile, problems: list[Problem]) -> InputError:
+    """The exception with all problems, in the order of the file."""
+    ordered = sorted(problems, key=lambda problem: problem.mark)
+    once = {(p.mark, re.sub(r"\[\d+\]", "", p.text)): p for p in reversed(ordered)}  # inherited values: say it once
+    lines = [f"{file.name}:{p.mark.line}:{p.mark.column}: {p.text}" for p in reversed(once.values())]
+    if len(lines) > rules.MAX_PROBLEMS:
+        lines[rules.MAX_PROBLEMS :] = [f"{file.name}: and more; correct these first"]
+    return InputError("\n".join(lines))

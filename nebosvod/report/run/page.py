@@ -1,0 +1,139 @@
+"""The page: `make_report` reads a run folder and returns one self-contained HTML document."""
+
+from pathlib import Path
+
+from markupsafe import Markup
+
+from nebosvod.report.kit import wording
+from nebosvod.report.kit.base import render
+from nebosvod.report.kit.facts import leading, object_name, size
+from nebosvod.report.kit.plate import Plate
+from nebosvod.report.kit.wording import quantity
+from nebosvod.report.run import (
+    advice,
+    curves,
+    ellipses,
+    figures,
+    geometry,
+    ledger,
+    physical,
+    sources,
+    tables,
+    trust,
+    visibility,
+)
+from nebosvod.report.run.verdict import Verdict, verdict, warnings
+from nebosvod.results.folder import Item, RunFolder, read_folder
+
+
+def make_report(folder: Path) -> str:
+    """Return the accuracy report of a run folder as HTML.
+
+    The page holds its style, script and figures, fetches nothing, and depends on the folder alone: the same folder
+    gives the same bytes.
+
+    Parameters
+    ----------
+    folder : a run folder with manifest.json, summary.json and (unless the run ended early) arrays.npz and tables.
+
+    Raises
+    ------
+    InputError
+        If the folder is not a run folder or one of its files is damaged; the message names the file.
+    """
+    run = read_folder(Path(folder))
+    main = run.main
+    books = ledger.ledgers(run, main) if main else []
+    compared, accuracies = trust.five(run, main) if main else ("", [])
+    return render(
+        "report.html",
+        kind="Accuracy report",
+        run=run,
+        object_name=object_name(run),
+        title=run.summary.get("title") or run.summary["mission"],
+        words=_verdict(run, main),
+        main=main,
+        tiles=_tiles(run, main),
+        warnings=warnings(run),
+        books=books,
+        hatches=sources.patterns() if books else "",
+        looks={e.source: sources.look(e.source, run.telescopes, e.behind) for book in books for e in book.entries},
+        compared=compared,
+        accuracies=accuracies,
+        plates=_plates(run, main, books, visibility.timeline(run, visibility.read_visibility(Path(folder)))),
+        tables=_tables(run, main),
+        kappa=physical.kappa_sentence(run, main) if main else None,
+        helps=[s for s in (advice.plan_sentence(run),) if s],
+        mission_text=tables.mission_text(run),
+    )
+
+
+def _verdict(run: RunFolder, main: Item | None) -> Verdict:
+    """The answer in words, with what the other modules know of trust and advice."""
+    if main is None:
+        return verdict(run)
+    told = [f(run, main) for f in (trust.consistency_sentence, trust.nonlinearity_sentence, trust.worst_sentence)]
+    helps = [advice.remedy_sentence(run, main), advice.required_sentence(run, 10.0), advice.plan_sentence(run)]
+    return verdict(run, told, helps, sound=not trust.doubtful(run, main))
+
+
+def _tiles(run: RunFolder, main: Item | None) -> list[tuple[str, Markup]]:
+    """The headline numbers: what it is, and the number."""
+    if main is None:
+        return []
+    tiles = []
+    for p in leading(run, main)[:2]:
+        tiles.append((f"{p['name']}: {wording.plane_name(p['plane'], p.get('body'))}, 1σ", size(p)))
+    tiles += [
+        ("orbit: position at the reference epoch, 1σ", quantity(main["sigma_position_km"], "km")),
+        ("orbit: velocity, 1σ", quantity(main["sigma_velocity_m_s"], "m_s")),
+    ]
+    return tiles
+
+
+def _plates(
+    run: RunFolder, main: Item | None, books: list[ledger.Ledger], seen: Plate | None
+) -> dict[str, list[Plate]]:
+    """All figures of the run by section of the page."""
+    of_main = main is not None
+    made: dict[str, list[Plate | None]] = {
+        "prediction": [*ellipses.prediction_plates(run, main)] if main else [],
+        "budget": [ledger.shares_plate(run, books), ledger.remedies_plate(run, books[0])] if books else [],
+        "trust": [trust.comparison_plate(run, main)] if main else [],
+        "required": [advice.required_plate(run)] if of_main else [],
+        "nuisance": [figures.noise_to_nuisance(run)],
+        "curves": [*curves.curve_plates(run)] if of_main else [],
+        "history": [figures.sigma_over_time(run)],
+        "seen": [seen],
+        "geometry": [geometry.plan_view(run), geometry.viewing(run)],
+        "residuals": [figures.residuals(run, main)] if main else [],
+    }
+    return {section: [p for p in plates if p is not None] for section, plates in made.items()}
+
+
+def _tables(run: RunFolder, main: Item | None) -> dict[str, tables.Table | None]:
+    """All tables of the run by name."""
+    every: dict[str, tables.Table | None] = {
+        "prediction_comparison": tables.prediction_comparison(run),
+        "consistency": trust.consistency_table(run),
+        "estimators": tables.estimator_table(run),
+        "required": advice.required_table(run),
+        "limits": advice.limit_table(run),
+        "slopes": curves.slope_table(run),
+        "visibility": tables.visibility_table(run),
+        "physics": tables.physics_table(run),
+        "provenance": tables.provenance_table(run),
+    }
+    alone = ("predictions", "facts", "components", "accuracies", "nonlinearity", "parameters", "blame", "state")
+    if main is None:
+        return every | dict.fromkeys(alone)
+    return every | {
+        "predictions": tables.prediction_table(run, main),
+        "facts": tables.fact_table(run, main),
+        "components": tables.budget_of_predictions(run, main),
+        "accuracies": trust.comparison_table(run, main),
+        "nonlinearity": trust.nonlinearity_table(run, main),
+        "parameters": physical.parameter_table(main),
+        "blame": tables.budget_of_parameters(run, main),
+        "state": tables.state_table(run, main),
+    }

@@ -1,0 +1,261 @@
+"""summary.json: every headline number of a run, units in the key names."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from nebosvod.dynamics.constants import SOLAR_IRRADIANCE_W_M2
+from nebosvod.engine.assembly import nuisance_treatment
+from nebosvod.engine.fitting import Fit
+from nebosvod.engine.quantity import M_PER_KM, SIGMAS
+from nebosvod.estimation.accuracy import ellipse
+from nebosvod.estimation.accuracy.formed import matrices
+from nebosvod.estimation.problem.square_root import lower_factor
+from nebosvod.findings.assessment import Findings
+from nebosvod.findings.blame import LARGE
+from nebosvod.findings.outlook import answered, bent_words, impact_rows
+from nebosvod.observation.earth.sites import GroundSite
+from nebosvod.scene.prior import STATE_NAMES, PriorTable
+from nebosvod.scene.scene import Scene
+from nebosvod.timescale import SECONDS_PER_DAY
+
+Array = npt.NDArray[np.float64]
+SCHEMA_VERSION = 1
+
+
+def summarise(
+    scene: Scene,
+    priors: PriorTable,
+    fits: Sequence[Fit],
+    findings: Findings,
+) -> dict[str, Any]:
+    """Build the summary of a run."""
+    mission = scene.mission
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "mission": mission.name,
+        "title": mission.title or mission.name,
+        "object": mission.object.name,
+        "reference_epoch_tdb": scene.epoch.iso(),
+        "time_scale": scene.epoch.scale,
+        "n_observations": int(sum(seen.visible.sum() for seen in scene.visibilities)),
+        "telescopes": [telescope.name for telescope in scene.telescopes],
+        "reference": {"position_km": scene.state[:3].tolist(), "velocity_km_s": scene.state[3:].tolist()},
+        "visibility": visibility_rows(scene),
+        "physics": _physics(scene),
+        "assumptions": _assumptions(scene),
+        "estimators": [estimator_row(scene, priors, fit) for fit in fits],
+        "budget": findings.budget,
+        "noise_to_nuisance": findings.noise_to_nuisance,
+        "impacts": impact_rows(findings.predictions),
+        "predictions": findings.predictions,
+        "curves": findings.curves,
+        "accuracy_comparison": findings.accuracy_comparison,
+        "warnings": [*_unknown_prior(priors), *_warnings(scene, fits, findings)],
+    }
+
+
+def visibility_rows(scene: Scene) -> list[dict[str, Any]]:
+    """What each telescope could see and which limit removed the rest (limits overlap)."""
+    return [
+        {
+            "telescope": telescope.name,
+            "candidates": int(seen.t_s.size),
+            "visible": int(np.count_nonzero(seen.visible)),
+            "removed": {limit: count for limit, count in seen.counts.items() if count},
+        }
+        for telescope, seen in zip(scene.telescopes, scene.visibilities)
+    ]
+
+
+def estimator_row(scene: Scene, priors: PriorTable, fit: Fit) -> dict[str, Any]:
+    """One entry of `estimators`; numbers are null where the problem is not observable."""
+    estimate, mission = fit.estimate, scene.mission
+    treatment = {p.group: mission.treatment(fit.estimator, p.group) for p in mission.free_parameters}
+    treatment |= {
+        nuisance.name: nuisance_treatment(scene, fit.estimator, nuisance.name) for nuisance in scene.nuisances
+    }
+    row: dict[str, Any] = {
+        "name": fit.estimator.name,
+        "method": fit.estimator.method,
+        "treatment": treatment,
+        "status": str(fit.status),
+        "message": fit.message,
+        "iterations": fit.iterations,
+        "dof": estimate.dof,
+        "condition_number": _finite(estimate.condition_number),
+        "n_estimated": len(estimate.names),
+        "rank": estimate.rank,
+        "weak_direction": {} if estimate.solution is not None else dict(estimate.weak_direction),
+    }
+    if estimate.solution is None:
+        held = ("covariance_km_km_s", "covariance_formal_km_km_s", "factor_km_km_s")
+        empty = ("chi2", "state_km_km_s", *held, "mean_error_km_km_s", "max_deviation_km_km_s")
+        sigmas = ("sigma_position_km", "sigma_velocity_m_s", "sigma_formal_position_km", "sigma_formal_velocity_m_s")
+        lost = {"covariance_reason": estimate.message, "factor_formal_km_km_s": None}
+        return row | dict.fromkeys((*empty, *sigmas)) | lost | {"parameters": {}}
+    index = [estimate.names.index(name) for name in STATE_NAMES]
+    formal = estimate.S_formal[index] @ estimate.S_formal[index].T
+    true = estimate.covariance(STATE_NAMES)
+    return row | {
+        "chi2": estimate.chi2,
+        "state_km_km_s": fit.point.state.tolist(),
+        **matrices(covariance_km_km_s=estimate.factor(STATE_NAMES), covariance_formal_km_km_s=estimate.S_formal[index]),
+        "factor_km_km_s": estimate.factor(STATE_NAMES).tolist(),
+        "factor_formal_km_km_s": lower_factor(estimate.S_formal[index]).tolist(),
+        **_mean_error(fit, np.sqrt(np.diag(true))),
+        **_sigmas("sigma", true),
+        **_sigmas("sigma_formal", formal),
+        "parameters": _parameters(scene, priors, fit),
+    }
+
+
+def _mean_error(fit: Fit, sigma: Array) -> dict[str, Any]:
+    """Mean of estimated minus true state, what each source left out adds to it, and |mean| + 3 sigma."""
+    mean = fit.estimate.mean_shift(fit.mean_errors, STATE_NAMES)
+    parts = {}
+    for term in fit.seen.terms:
+        own = {name: fit.mean_errors[name] for name in term.names if name in fit.mean_errors}
+        if own:
+            parts[term.name] = fit.estimate.mean_shift(own, STATE_NAMES).tolist()
+    return {
+        "mean_error_km_km_s": mean.tolist(),
+        "mean_error_by_source_km_km_s": parts,
+        "max_deviation_km_km_s": ellipse.maximum_deviation(mean, sigma, SIGMAS).tolist(),
+    }
+
+
+def _sigmas(prefix: str, covariance: Array) -> dict[str, float]:
+    """Root traces of the position and velocity blocks."""
+    return {
+        f"{prefix}_position_km": float(np.sqrt(np.trace(covariance[:3, :3]))),
+        f"{prefix}_velocity_m_s": float(M_PER_KM * np.sqrt(np.trace(covariance[3:, 3:]))),
+    }
+
+
+def _parameters(scene: Scene, priors: PriorTable, fit: Fit) -> dict[str, dict[str, float | None]]:
+    """Prior and posterior sigma and value of everything beside the state; units of nuisances in the key names."""
+    values = fit.point.values
+    rows: dict[str, dict[str, float | None]] = {}
+    units = {name: _unit(scene, term.name, name) for term in fit.seen.terms for name in term.names}
+    for name in (*fit.estimate.names, *fit.estimate.left_out):
+        if name in STATE_NAMES:
+            continue
+        before = fit.prior_sigmas.get(name, priors.sigma(name))
+        unit, scale = units.get(name, ("", 1.0))
+        rows[f"{name}_{unit}" if unit else name] = {
+            "prior_sigma": None if before is None else before * scale,
+            "sigma": fit.estimate.sigma(name) * scale,
+            "estimate": values[name] * scale,
+            "mean_error": float(fit.estimate.mean_shift(fit.mean_errors, (name,))[0]) * scale,
+        }
+    return rows
+
+
+ARCSEC_PER_RAD = float(np.degrees(1.0) * 3600.0)
+
+
+def _unit(scene: Scene, source: str, name: str) -> tuple[str, float]:
+    """Unit of a parameter of a source in the summary, and the factor from the internal one."""
+    group = scene.sources[source].group
+    if group == "bias":
+        return ("arcsec_d", ARCSEC_PER_RAD * SECONDS_PER_DAY) if name.endswith(" drift") else ("arcsec", ARCSEC_PER_RAD)
+    if group == "position":
+        return ("km_s", 1.0) if name.endswith(" rate") else ("km", 1.0)
+    return ("s", 1.0) if group == "timing" else ("", 1.0)
+
+
+def _physics(scene: Scene) -> dict[str, Any]:
+    mission = scene.mission
+    values = dict(parameter.quantity for parameter in mission.parameters)
+    sphere = ("radius_m", "mass_kg", "albedo", "thermal_emission")
+    radiation: Any = False
+    if mission.object.has_radiation:
+        radiation = {name: values[name] for name in sphere} | {"solar_irradiance_w_m2": SOLAR_IRRADIANCE_W_M2}
+    plan, accelerations = mission.force_model, {name: value for name, value in values.items() if name not in sphere}
+    harmonics = {"earth_harmonics": plan.earth_harmonics, "earth_pole": plan.earth_pole}
+    return {
+        "ephemeris": scene.ephemeris.source,
+        "asteroids": plan.asteroids,
+        "asteroids_excluded": list(plan.excluded),
+        "relativity": plan.relativity,
+        "earth_oblateness": plan.earth_oblateness,
+        **(harmonics if plan.earth_oblateness else {}),
+        "sun_oblateness": plan.sun_oblateness,
+        "radiation_pressure": radiation,
+        **({"earth_shadow": plan.earth_shadow} if radiation else {}),
+        "nongrav_au_d2": accelerations,
+        **({"nongrav_law": mission.object.nongrav_law} if accelerations else {}),
+    }
+
+
+def _assumptions(scene: Scene) -> list[str]:
+    """What the numbers rest on, in words."""
+    said = list(scene.mission.object.statements)
+    if scene.mission.object.has_radiation:
+        said.append("albedo in the radiation pressure is the Bond albedo")
+    said.append("errors of different sources are independent and Gaussian; measurements are simulated")
+    said.append("UTC after the last known leap second keeps TAI - UTC = 37 s; geostationary telescopes use UT1 = UTC")
+    return said
+
+
+def _unknown_prior(priors: PriorTable) -> list[str]:
+    """That the simulated truth is not drawn from a prior as wide as the orbit itself."""
+    words = "the prior orbit is as wide as the orbit itself: it counts, and the simulated truth is the nominal orbit"
+    return [words] if priors.says_nothing else []
+
+
+def _warnings(scene: Scene, fits: Sequence[Fit], findings: Findings) -> list[str]:
+    """What a reader must know before trusting the numbers."""
+    said = list(scene.mission.notices)
+    if any(fit.problem.n > LARGE for fit in fits):
+        said.append(
+            f"more than {LARGE:,} measurements: re-optimised remedies, required positions, curves and the worst "
+            "correlation are left out"
+        )
+    for row in answered(findings.predictions):
+        if row["nonlinearity"]["misleads"]:
+            said.append(f"{row['estimator']}: the linear ellipse of {row['name']} misleads: {bent_words(row)}")
+        drawn = row.get("monte_carlo") or {}
+        if drawn.get("misleads"):
+            said.append(f"{row['estimator']}: {row['name']}, by orbits drawn and propagated: {drawn['statement']}")
+    for telescope, seen in zip(scene.telescopes, scene.visibilities):
+        if isinstance(telescope.spacecraft, GroundSite):
+            said += [f"{telescope.name}: {text}" for text in telescope.spacecraft.notices(scene.epoch, seen.t_s)]
+        if not seen.visible.any():
+            said.append(f"{telescope.name} never sees the object: {seen.explain()}")
+    for fit in fits:
+        if str(fit.status) != "converged":
+            said.append(f"{fit.estimator.name}: {fit.message}")
+        said += [f"{fit.estimator.name}: {note}" for note in fit.estimate.notes]
+        said += [f"{fit.estimator.name}: {note}" for note in mean_error_notes(fit)]
+        fixed = [
+            parameter.group
+            for parameter in scene.mission.free_parameters
+            if parameter.treatment != "fixed" and scene.mission.treatment(fit.estimator, parameter.group) == "fixed"
+        ]
+        if fixed:
+            said.append(
+                f"{fit.estimator.name} holds {', '.join(fixed)} fixed although the mission calls it uncertain: its "
+                "error is missing from that estimator's accuracy (use ignored or considered to count it)"
+            )
+    return said
+
+
+def mean_error_notes(fit: Fit) -> list[str]:
+    """What means of errors left out do to the orbit, in words; empty where there are none."""
+    if not fit.mean_errors or fit.estimate.solution is None:
+        return []
+    behind = [term.name for term in fit.seen.terms if any(name in fit.mean_errors for name in term.names)]
+    x, y, z = fit.estimate.mean_shift(fit.mean_errors, STATE_NAMES)[:3]
+    return [
+        f"{', '.join(behind)} left out, with a mean error: the estimate is off on average by ({x:.3g}, {y:.3g}, "
+        f"{z:.3g}) km from the truth at the reference epoch; sigmas are about this mean, largest deviations hold it"
+    ]
+
+
+def _finite(value: float) -> float | None:
+    """The number, or null where it is infinite or undefined."""
+    return float(value) if np.isfinite(value) else None

@@ -1,0 +1,256 @@
+"""The arrays and tables of a run folder."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from nebosvod.engine.assembly import View
+from nebosvod.engine.fitting import Fit
+from nebosvod.engine.quantity import ARCSEC
+from nebosvod.findings.assessment import Findings
+from nebosvod.findings.blame import REMEDIES, UNKNOWN
+from nebosvod.findings.outlook import answered
+from nebosvod.observation import Common, residual
+from nebosvod.results.folder import slug
+from nebosvod.results.result import Table
+from nebosvod.scene.prior import STATE_NAMES
+from nebosvod.scene.scene import Scene
+
+Array = npt.NDArray[np.float64]
+Arrays = dict[str, npt.NDArray[Any]]
+TRACK_POINTS = 241
+
+
+def all_arrays(scene: Scene, nominal: View, fits: Sequence[Fit], psi: Array) -> Arrays:
+    """Everything in arrays.npz; the computed rows are those of the nominal orbit."""
+    seen = nominal.observation
+    at = nominal.trajectory.at(seen.t_s)
+    biases = [term for term in nominal.terms if isinstance(term, Common) and scene.sources[term.name].group == "bias"]
+    sun = scene.ephemeris.position_km("sun", scene.epoch, seen.t_s)
+    track_t_s = np.linspace(seen.t_s[0], seen.t_s[-1], TRACK_POINTS)
+    arrays: Arrays = {
+        "epoch_s": seen.t_s,
+        "telescope_index": seen.telescope_index,
+        "telescope_names": np.array([telescope.name for telescope in seen.telescopes]),
+        "state": at.state,
+        "Phi": at.Phi,
+        "zeta": at.zeta,
+        "parameter_names": np.array(seen.parameter_names, dtype=np.str_),
+        "psi": psi,
+        "residual": residual(psi, seen.psi),
+        "R": seen.noise,
+        "sigma_measurement": np.sqrt(np.einsum("nii->ni", seen.noise)),
+        "H_x": seen.H_x,
+        "H_z": seen.H_z,
+        "H_c": seen.H_c,
+        "H_b": np.concatenate([np.zeros((seen.t_s.size, 2, 0)), *(term.H for term in biases)], axis=2),
+        "bias_names": np.array([name for term in biases for name in term.names], dtype=np.str_),
+        "distance_km": seen.distance_km,
+        "telescope_position_km": seen.telescope_state[:, :3] - sun,
+        "earth_position_km": scene.ephemeris.position_km("earth", scene.epoch, seen.t_s) - sun,
+        "object_track_t_s": track_t_s,
+        "object_track_km": nominal.trajectory.at(track_t_s).state[:, :3],
+    }
+    for one in fits:
+        if one.estimate.solution is not None:
+            arrays |= _estimator_arrays(one)
+    return arrays
+
+
+def _estimator_arrays(one: Fit) -> Arrays:
+    """Factor, names, residuals after the fit and sigma history of one estimator."""
+    name = slug(one.estimator.name)
+    arrays: Arrays = {
+        f"factor_{name}": one.estimate.S_true,
+        f"names_{name}": np.array(one.estimate.names),
+        f"residual_after_{name}": one.estimate.residual_after,
+    }
+    history = one.history
+    if history is not None:
+        place = [history.names.index(axis) for axis in STATE_NAMES[:3]]
+        arrays[f"history_t_s_{name}"] = one.observation.t_s
+        arrays[f"history_sigma_formal_position_km_{name}"] = _root_sum(history.sigma_formal[:, place])
+        if history.sigma is not None:
+            arrays[f"history_sigma_position_km_{name}"] = _root_sum(history.sigma[:, place])
+    return arrays
+
+
+def _root_sum(sigma: Array) -> Array:
+    """Root sum of squares along the axes; infinite while not determined."""
+    total: Array = np.sqrt(np.sum(sigma**2, axis=1))
+    return total
+
+
+def all_tables(scene: Scene, nominal: View, fits: Sequence[Fit], psi: Array, findings: Findings) -> dict[str, Table]:
+    """The tables of a run, for people and spreadsheets."""
+    found = [one for one in fits if one.estimate.solution is not None]
+    tables = {
+        "measurements": _measurements(scene, nominal, psi),
+        "residuals": _residuals(nominal, found, psi),
+        "visibility": _visibility(scene),
+    }
+    if found:
+        tables["budget"] = _rows_table(
+            [_flat_budget(row) for row in findings.budget],
+            BUDGET_UNITS,
+            "What each source contributes to the state at the reference epoch, squares of the sigmas add up; and the "
+            "sigma if it vanished or halved, with the gain as it is and re-optimised",
+        )
+    for one in found:
+        if one.history is not None:
+            tables[f"sigma_history_{slug(one.estimator.name)}"] = _history(one)
+    rows = [_flat(row) for row in answered(findings.predictions)]
+    if rows:
+        tables["predictions"] = _rows_table(rows, {}, "Predicted quantities, one component a row, 1 sigma")
+        tables["prediction_budget"] = _rows_table(
+            [line for row in answered(findings.predictions) for line in _flat_sources(row)],
+            {},
+            "What each source contributes to each component of a prediction, and the sigma if its error vanished (of a "
+            "prior: known exactly) or halved, or if a prior were missing (unknown)",
+        )
+    return tables
+
+
+def _measurements(scene: Scene, nominal: View, psi: Array) -> Table:
+    seen = nominal.observation
+    names = np.array([telescope.name for telescope in seen.telescopes])
+    sigma = np.sqrt(np.einsum("nii->ni", seen.noise)) / ARCSEC
+    return Table(
+        columns={
+            "epoch_tdb": np.array([(scene.epoch + t).iso() for t in seen.t_s]),
+            "t": seen.t_s,
+            "telescope": names[seen.telescope_index],
+            "ra": np.degrees(psi[:, 0]),
+            "dec": np.degrees(psi[:, 1]),
+            "sigma_ra": sigma[:, 0],
+            "sigma_dec": sigma[:, 1],
+            "distance": seen.distance_km,
+        },
+        units={"t": "s", "ra": "deg", "dec": "deg", "sigma_ra": "arcsec", "sigma_dec": "arcsec", "distance": "km"},
+        description="Simulated measurements: astrometric ICRF right ascension and declination",
+    )
+
+
+def _visibility(scene: Scene) -> Table:
+    """Every scheduled epoch of every telescope: seen, or the first limit that removes it."""
+    seen = scene.visibilities
+    names = [np.full(one.t_s.size, telescope.name) for telescope, one in zip(scene.telescopes, seen)]
+    t_s = np.concatenate([one.t_s for one in seen])
+    order = np.argsort(t_s, kind="stable")
+    reason = np.concatenate([one.reason for one in seen])
+    columns: Arrays = {
+        "epoch_tdb": np.array([(scene.epoch + float(t)).iso() for t in t_s]),
+        "t": t_s,
+        "telescope": np.concatenate(names),
+        "visible": np.concatenate([one.visible for one in seen]),
+        "reason": np.where(reason == "", "-", reason),
+        "sun_angle": np.degrees(np.concatenate([one.sun_angle_rad for one in seen])),
+        "earth_limb": np.degrees(np.concatenate([one.earth_limb_rad for one in seen])),
+        "moon_limb": np.degrees(np.concatenate([one.moon_limb_rad for one in seen])),
+        "phase": np.degrees(np.concatenate([one.phase_rad for one in seen])),
+        "magnitude": np.concatenate([one.apparent_magnitude for one in seen]),
+    }
+    angles = dict.fromkeys(("sun_angle", "earth_limb", "moon_limb", "phase"), "deg")
+    heights = np.concatenate([one.altitude_rad for one in seen])
+    if np.isfinite(heights).any():
+        columns |= {
+            "altitude": np.degrees(heights),
+            "sun_altitude": np.degrees(np.concatenate([one.sun_altitude_rad for one in seen])),
+        }
+        angles |= dict.fromkeys(("altitude", "sun_altitude"), "deg")
+    return Table(
+        columns={name: values[order] for name, values in columns.items()},
+        units={"t": "s", "magnitude": "mag", **angles},
+        description="Scheduled exposures: seen, or the first limit that removes them (- where none does); angles from "
+        "the Sun's centre and from the limb of Earth and Moon, altitudes at sites on the ground; V without trailing "
+        "loss, nan without H and G",
+    )
+
+
+def _residuals(nominal: View, fits: Sequence[Fit], psi: Array) -> Table:
+    """Observed minus computed on the nominal orbit and after each fit."""
+    seen = nominal.observation
+    before = residual(psi, seen.psi) / ARCSEC
+    columns: Arrays = {"t": seen.t_s, "ra_before": before[:, 0], "dec_before": before[:, 1]}
+    for one in fits:
+        after = one.estimate.residual_after / ARCSEC
+        name = slug(one.estimator.name)
+        columns |= {f"ra_{name}": after[:, 0], f"dec_{name}": after[:, 1]}
+    units = dict.fromkeys(columns, "arcsec") | {"t": "s"}
+    return Table(columns=columns, units=units, description="Residuals, RA times cos Dec and Dec, before and after")
+
+
+def _history(one: Fit) -> Table:
+    history = one.history
+    if history is None:
+        raise ValueError(f"{one.estimator.name} has no history")
+    columns: Arrays = {"t": one.observation.t_s}
+    for column, name in enumerate(history.names):
+        columns[f"formal_{name}"] = history.sigma_formal[:, column]
+        if history.sigma is not None:
+            columns[f"true_{name}"] = history.sigma[:, column]
+    return Table(columns=columns, units={"t": "s"}, description="1 sigma of each estimated parameter so far")
+
+
+def _flat(row: Mapping[str, Any]) -> dict[str, Any]:
+    """The scalar facts of a prediction, and its sigmas as text in one unit."""
+    unit = next(key.removeprefix("semi_axes_") for key in row if key.startswith("semi_axes_"))
+    return {
+        "name": row["name"],
+        "estimator": row["estimator"],
+        "plane": row["plane"],
+        "epoch_tdb": row["epoch_tdb"],
+        "unit": unit,
+        "semi_axes": " ".join(f"{value:.9g}" for value in row[f"semi_axes_{unit}"]),
+        "sigma": " ".join(f"{value:.9g}" for value in row[f"sigma_{unit}"]),
+        "sigma_formal": " ".join(f"{value:.9g}" for value in row[f"sigma_formal_{unit}"]),
+    }
+
+
+BUDGET_UNITS = {
+    f"{prefix}sigma_{what}{suffix}": unit
+    for what, unit in (("position_km", "km"), ("velocity_m_s", "m / s"))
+    for prefix, suffix in (
+        ("", ""),
+        *((f"{remedy}_", f"_{gain}_gain") for remedy in REMEDIES for gain in ("same", "new")),
+        (f"{UNKNOWN}_", "_new_gain"),
+    )
+}
+
+
+def _flat_budget(row: Mapping[str, Any]) -> dict[str, Any]:
+    """One source of the state's budget as scalars."""
+    plain = ("estimator", "source", "sigma_position_km", "sigma_velocity_m_s", "share_position", "share_velocity")
+    flat = {key: row[key] for key in plain}
+    for remedy in REMEDIES:
+        flat |= {f"{remedy}_{key}": np.nan if value is None else value for key, value in row[remedy].items()}
+    for key in ("sigma_position_km_new_gain", "sigma_velocity_m_s_new_gain"):
+        value = (row[UNKNOWN] or {}).get(key)
+        flat[f"{UNKNOWN}_{key}"] = np.nan if value is None else value
+    return flat
+
+
+def _flat_sources(row: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """The budget of one prediction, a line for each source and component."""
+    unit = next(key.removeprefix("semi_axes_") for key in row if key.startswith("semi_axes_"))
+    lines = []
+    for source in row["budget"]:
+        for k, share in enumerate(source["share"]):
+            line = {"name": row["name"], "estimator": row["estimator"], "source": source["source"], "component": k}
+            line |= {"unit": unit, "share": share, "sigma": source[f"sigma_{unit}"][k]}
+            for remedy in REMEDIES:
+                for gain in ("same", "new"):
+                    values = source[remedy][f"sigma_{unit}_{gain}_gain"]
+                    line[f"{remedy}_{gain}_gain"] = np.nan if values is None else values[k]
+            values = (source[UNKNOWN] or {}).get(f"sigma_{unit}_new_gain")
+            line[f"{UNKNOWN}_new_gain"] = np.nan if values is None else values[k]
+            lines.append(line)
+    return lines
+
+
+def _rows_table(rows: Sequence[Mapping[str, Any]], units: Mapping[str, str], description: str) -> Table:
+    """A table from rows with the same keys."""
+    columns = {name: np.array([row[name] for row in rows]) for name in rows[0]}
+    return Table(columns=columns, units=units, description=description)

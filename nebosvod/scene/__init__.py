@@ -1,0 +1,1 @@
+"""What a mission means: forces, the reference orbit, priors, telescopes, exposures planned or recorded."""

@@ -1,0 +1,260 @@
+"""The observations of one object with all that is needed to use them: observers, weights, corrections.
+
+files -> Astrometry -> one object, by time -> where each observer was, what each observation weighs -> `Sky`
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+import numpy.typing as npt
+
+from nebosvod.dynamics import Ephemeris
+from nebosvod.errors import CoverageError, InputError
+from nebosvod.mission import FitMission
+from nebosvod.mission.fit import FitPlan
+from nebosvod.mission.reading.places import asking
+from nebosvod.observation import Spacecraft
+from nebosvod.observation.formats.reading import read_astrometry
+from nebosvod.observation.formats.records import Astrometry, joined
+from nebosvod.observation.measurement.direction import offset
+from nebosvod.observation.measurement.exposures import Look, Sky
+from nebosvod.observation.measurement.telescope import Telescope
+from nebosvod.observation.reduction import debias, stated_weights, weights
+from nebosvod.observation.reduction.observers import Observers, telescopes
+from nebosvod.scene.instruments import SPACECRAFT
+from nebosvod.timescale import SECONDS_PER_DAY, Epoch
+
+Array = npt.NDArray[np.float64]
+Texts = npt.NDArray[np.str_]
+LISTED = 8  # objects named when a file holds several
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Material:
+    """One object's observations, by time.
+
+    Attributes
+    ----------
+    astrometry, observers : the records and the places of those who made them.
+    ephemeris : that placed them.
+    observed : (n, 2) RA and Dec, rad, with the biases of their star catalogues taken out.
+    sigma_rad : (n, 2) of RA cos Dec and Dec; correlation : (n,) of the two; rule : (n,) where the sigma came from.
+    timing_sigma_s : (n,) of the time, as stated, else as the file says of clocks on the ground.
+    names, telescopes : those who observed, each once, in the order of their first observation; the sigma of a telescope
+        is a mean one, for each record has its own weight.
+    telescope_index : (n,) which of them made each observation.
+    night, thinning : (n,) number of the night of the station, and the factor in sigma for its many observations.
+    notices : what a user should know about all this.
+    """
+
+    astrometry: Astrometry
+    observers: Observers
+    ephemeris: Ephemeris
+    observed: Array
+    sigma_rad: Array
+    correlation: Array
+    timing_sigma_s: Array
+    rule: Texts
+    names: tuple[str, ...]
+    telescopes: tuple[Telescope, ...]
+    telescope_index: npt.NDArray[np.int64]
+    night: npt.NDArray[np.int64]
+    thinning: Array
+    notices: tuple[str, ...]
+
+    def __len__(self) -> int:
+        """Number of observations."""
+        return len(self.astrometry)
+
+    @property
+    def middle(self) -> Epoch:
+        """0h TDB of the day nearest to the middle of the arc: where the orbit is known best."""
+        t_s = self.astrometry.t_s
+        days = float(np.round((t_s.min() + t_s.max()) / 2.0 / SECONDS_PER_DAY))
+        return self.astrometry.epoch + days * SECONDS_PER_DAY
+
+    def sky(self, epoch: Epoch) -> Sky:
+        """The observations as arrays, counted from an epoch, with the noise of the measurement alone."""
+        return Sky.of(
+            epoch,
+            self.astrometry.t_s + (self.astrometry.epoch - epoch),
+            self.observed,
+            self.noise(),
+            self.observers.state_km_km_s,
+            self.ephemeris,
+        )
+
+    def noise(self, seen: Look | None = None) -> Array:
+        """Noise covariance R (n, 2, 2), rad^2; once the motion is known, tilted by the stated error of the time.
+
+        R = sigma and correlation of the record + sigma_t^2 rate rate^T.
+        """
+        R = np.empty((len(self), 2, 2))
+        R[:, 0, 0], R[:, 1, 1] = self.sigma_rad[:, 0] ** 2, self.sigma_rad[:, 1] ** 2
+        R[:, 0, 1] = R[:, 1, 0] = self.correlation * self.sigma_rad[:, 0] * self.sigma_rad[:, 1]
+        if seen is not None and self.has_timing:
+            rate = seen.rate
+            R += self.timing_sigma_s[:, None, None] ** 2 * rate[:, :, None] * rate[:, None, :]
+        return R
+
+    @property
+    def has_timing(self) -> bool:
+        """Whether any time is uncertain."""
+        return bool(self.timing_sigma_s.any())
+
+    @property
+    def position_rows(self) -> npt.NDArray[np.int64]:
+        """Records (r,) that state the covariance of the observer's place."""
+        return np.flatnonzero(np.isfinite(self.astrometry.position_covariance_km2).all(axis=(1, 2)))
+
+    def weighed(self, sky: Sky, seen: Look) -> Sky:
+        """The sky with everything in its weights that is drawn anew at each record: noise, time, stated places."""
+        return sky.weighed(self.total_noise(seen)) if self.has_timing or self.position_rows.size else sky
+
+    def lighter(self, added_rad2: Array, note: npt.NDArray[np.object_]) -> "Material":
+        """The same with more variance (n, 2), RA cos Dec and Dec, and a note (n,) of why in the rule."""
+        sigma = np.sqrt(self.sigma_rad**2 + added_rad2)
+        _, made, _ = _telescopes(self.observers, sigma)
+        rule = (self.rule.astype(object) + note).astype(np.str_)
+        return replace(self, sigma_rad=sigma, rule=rule, telescopes=made)
+
+    def total_noise(self, seen: Look) -> Array:
+        """Covariance (n, 2, 2), rad^2, of all that is drawn anew at each record: `noise`, and places as stated."""
+        R, places = self.noise(seen), self.position_rows
+        H = seen.lines["H_z"][places]
+        R[places] += H @ self.astrometry.position_covariance_km2[places] @ H.transpose(0, 2, 1)
+        return R
+
+
+def gather(mission: FitMission) -> Astrometry:
+    """Every record of the files of a fit.
+
+    Raises
+    ------
+    DataError, InputError
+        If a file is missing or wrong; with file and line.
+    """
+    paths = [mission.beside(name) if mission.path is not None else Path(name) for name in mission.fit.observations]
+    return joined([read_astrometry(path) for path in paths])
+
+
+def one_object(records: Astrometry, designations: Sequence[str], hint: str) -> Astrometry:
+    """The records of one object, by one of its designations or by several that are to be joined.
+
+    Raises
+    ------
+    InputError
+        If there are several objects and none is named, or the named one is not there.
+    """
+    if designations:
+        return records.of(*designations)
+    if len(records.objects) > 1:
+        listed = ", ".join(records.objects[:LISTED]) + (", ..." if len(records.objects) > LISTED else "")
+        raise InputError(f"observations of {len(records.objects)} objects ({listed}), and one orbit fits one; {hint}")
+    return records
+
+
+def prepare(records: Astrometry, mission: FitMission, ephemeris: Ephemeris) -> Material:
+    """Place the observers and weigh the observations of one object.
+
+    Raises
+    ------
+    InputError, CoverageError, DataError
+        If a station has no place, the ephemeris does not reach, or a table cannot be used.
+    """
+    plan, records = mission.fit, records.by_time()
+    _require_covered(records, ephemeris, mission.force_model.asteroids)
+    places = telescopes(records, ephemeris, files=_spacecraft(mission))
+    rules = mission.beside(plan.weights) if plan.weights is not None else None
+    with asking(mission, "fit", "weights"):
+        found = weights.weigh(records, rules, night_limit=plan.thins)
+    found = found if rules is not None else stated_weights.kept(found, records)
+    table = mission.beside(plan.debias) if plan.debias is not None else None
+    with asking(mission, "fit", "debias"):
+        correction, notices = debias.debias(records, table)
+    sigma = plan.noise_scale * found.sigma_rad
+    names, made, index = _telescopes(places, sigma)
+    return Material(
+        astrometry=records,
+        observers=places,
+        ephemeris=ephemeris,
+        observed=offset(records.psi, -correction),
+        sigma_rad=sigma,
+        correlation=found.correlation,
+        timing_sigma_s=_clocks(records, _ground_clocks(records, plan), found.night_count),
+        rule=found.rule,
+        names=names,
+        telescopes=made,
+        telescope_index=index,
+        night=found.night,
+        thinning=found.thinning,
+        notices=tuple(dict.fromkeys((*records.notices, *places.notices, *found.notices, *notices))),
+    )
+
+
+def _require_covered(records: Astrometry, ephemeris: Ephemeris, asteroids: bool) -> None:
+    """Refuse an observation outside the ephemeris, by its file and line."""
+    for row in (0, len(records) - 1):  # in the order of time
+        try:
+            ephemeris.require(records.epoch, float(records.t_s[row]), asteroids=asteroids)
+        except CoverageError as error:
+            error.say_place(f"{records.path[row]}:{records.line[row]}")
+            raise
+
+
+def _telescopes(
+    places: Observers, sigma: Array
+) -> tuple[tuple[str, ...], tuple[Telescope, ...], npt.NDArray[np.int64]]:
+    """Names, telescopes, and which of them made each observation (n,)."""
+    names = tuple(dict.fromkeys(places.telescope.tolist()))
+    number = {name: k for k, name in enumerate(names)}
+    index = np.array([number[name] for name in places.telescope.tolist()], dtype=np.int64)
+    count = np.bincount(index, minlength=len(names))
+    mean = np.column_stack([np.bincount(index, sigma[:, k] ** 2, len(names)) for k in range(2)]) / count[:, None]
+    made = tuple(
+        Telescope(name=name, spacecraft=places.spacecraft[name], sigma_rad=np.sqrt(mean[k]))
+        for k, name in enumerate(names)
+    )
+    return names, made, index
+
+
+def _ground_clocks(records: Astrometry, plan: FitPlan) -> Array:
+    """Sigma (n,) of a clock on the ground, s; 0 by default where a source of the file says it, lest it count twice."""
+    ground_s = np.full(len(records), plan.clock)
+    if "clock" not in plan.model_fields_set:
+        for entry in plan.uncertainty:
+            if entry.timing is not None:
+                ground_s[np.isin(records.station, entry.stations) | (entry.stations == "all")] = 0.0
+    return ground_s
+
+
+def _clocks(records: Astrometry, ground_s: Array, night_count: npt.NDArray[np.int64]) -> Array:
+    """Sigma (n,) of the time: stated, else that of a clock on the ground; spacecraft and occultations keep time.
+
+    Notes
+    -----
+    The weights by station and catalogue come from objects that hardly move; one that crosses an arcsecond a second
+    shows the clocks as well. A clock is wrong by the same time all night: the N records of a station's night together
+    weigh as one reading, sigma_t sqrt(N).
+    """
+    ground = ((records.centre == "") | records.roving) & (records.mode != "OCC")
+    unstated = np.where(ground, ground_s * np.sqrt(night_count), 0.0)
+    return np.where(np.isfinite(records.timing_sigma_s), records.timing_sigma_s, unstated)
+
+
+def _spacecraft(mission: FitMission) -> Mapping[str, Spacecraft]:
+    """Trajectories given for stations."""
+    found = ((code, carrier_of(mission, code)) for code in mission.fit.spacecraft)
+    return MappingProxyType({code: carrier for code, carrier in found if carrier is not None})
+
+
+def carrier_of(mission: FitMission, code: str) -> Spacecraft | None:
+    """The trajectory given for a station, if one is."""
+    orbit = mission.fit.spacecraft.get(code)
+    if orbit is None:
+        return None
+    with asking(mission, "fit", "spacecraft", code):
+        return SPACECRAFT[type(orbit)](orbit, mission)

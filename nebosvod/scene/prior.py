@@ -1,0 +1,204 @@
+"""What is known before the first measurement, brought to the reference epoch as estimation's priors.
+
+A prior orbit is given at its own epoch, possibly joint with A1..A3. Carried to the reference epoch by the
+variational equations it becomes correlated with every dynamic parameter that acts on the way; the groups that
+this ties together are merged into one source, for the cross blocks must never be dropped.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from nebosvod.dynamics import ForceModel
+from nebosvod.dynamics.elements import cometary_to_state, state_to_cometary
+from nebosvod.dynamics.impact import carry
+from nebosvod.errors import InputError
+from nebosvod.estimation import Prior
+from nebosvod.mission import Mission
+from nebosvod.mission.model import CovariancePrior
+from nebosvod.mission.reading.places import asking
+from nebosvod.mission.request import Prior as PriorBlock
+from nebosvod.mission.target import Parameter
+from nebosvod.scene.scene import orbit_state, to_icrf
+
+Array = npt.NDArray[np.float64]
+STATE_NAMES = ("x_km", "y_km", "z_km", "vx_km_s", "vy_km_s", "vz_km_s")
+# the names of a prior covariance in the order of `cometary_to_state` and of a state
+COMETARY_NAMES = ("e", "q", "tp", "node", "peri", "i")
+CARTESIAN_NAMES = ("x", "y", "z", "vx", "vy", "vz")
+TOO_WIDE = 0.1  # sigma of position over the distance from the Sun, or of velocity over the speed; see PriorTable.draw
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PriorTable:
+    """Priors with their means as values (not deviations): one entry for each independent source.
+
+    Attributes
+    ----------
+    entries : (source name, parameter names, means (k,), covariance (k, k)).
+    """
+
+    entries: tuple[tuple[str, tuple[str, ...], Array, Array], ...]
+    _factors: list[Array] = field(default_factory=list, init=False, repr=False)
+
+    def at(self, values: Mapping[str, float]) -> tuple[Prior, ...]:
+        """The priors as seen from a linearisation point given by its values."""
+        return tuple(
+            Prior(name=name, names=names, covariance=covariance, mean=mean - np.array([values[n] for n in names]))
+            for name, names, mean, covariance in self.entries
+        )
+
+    def draw(self, rng: np.random.Generator) -> dict[str, float]:
+        """A truth for every parameter that has a prior.
+
+        A prior orbit as wide as the orbit itself means "unknown", not that the object may be anywhere: of the states
+        it would draw most are of no object that these telescopes see. There the truth is the mean, as without a prior.
+        """
+        truth: dict[str, float] = {}
+        if not self._factors:  # the same for every draw
+            self._factors.extend(_factor(covariance) for _, _, _, covariance in self.entries)
+        for (_, names, mean, _), factor in zip(self.entries, self._factors):
+            drawn = factor @ rng.standard_normal(len(names))
+            truth.update(zip(names, (mean + (0.0 if _says_nothing(names, mean, factor) else drawn)).tolist()))
+        return truth
+
+    @property
+    def says_nothing(self) -> bool:
+        """Whether there is a prior orbit so wide that truths are not drawn from it."""
+        return any(_says_nothing(names, mean, _factor(covariance)) for _, names, mean, covariance in self.entries)
+
+    def sigma(self, name: str) -> float | None:
+        """The prior standard deviation of one parameter; None = no prior."""
+        for _, names, _, covariance in self.entries:
+            if name in names:
+                index = names.index(name)
+                return float(np.sqrt(covariance[index, index]))
+        return None
+
+
+def _says_nothing(names: tuple[str, ...], mean: Array, factor: Array) -> bool:
+    """Whether an entry is of the orbit, and as wide as the orbit itself."""
+    if names[:6] != STATE_NAMES:
+        return False
+    sigma = np.linalg.norm(factor[:6], axis=1)
+    limits = TOO_WIDE * np.linalg.norm(mean[:6].reshape(2, 3), axis=1)
+    return bool(np.any(sigma.reshape(2, 3) > limits[:, None]))
+
+
+def prior_table(mission: Mission, forces: ForceModel, state: Array) -> PriorTable:
+    """Collect the priors of state and dynamic parameters at the reference epoch.
+
+    Parameters
+    ----------
+    state : shape (6,), the reference state, which is the mean of a prior orbit.
+
+    Raises
+    ------
+    InputError
+        If a prior orbit at another epoch meets an estimated parameter without a prior of its own.
+    """
+    free = mission.free_parameters
+    joint = mission.covariance_prior
+    if joint is not None:
+        with asking(mission, "prior"):
+            entries = _carried(mission, joint, forces, state)
+        done = {name for _, names, _, _ in entries for name in names}
+    else:
+        entries, done = _sigmas(mission, state), set()
+    rest = [parameter for parameter in free if parameter.name not in done and parameter.sigma is not None]
+    return PriorTable(entries=(*entries, *_parameter_entries(mission, rest)))
+
+
+Entry = tuple[str, tuple[str, ...], Array, Array]
+
+
+def _sigmas(mission: Mission, state: Array) -> tuple[Entry, ...]:
+    """The prior orbit given as independent sigmas at the reference epoch, if there is one."""
+    said = mission.prior
+    if not isinstance(said, PriorBlock) or said.sigma is None:
+        return ()
+    sigma = np.repeat([said.sigma.position, said.sigma.velocity], 3)
+    return (("prior orbit", STATE_NAMES, state, np.diag(sigma**2)),)
+
+
+def _parameter_entries(mission: Mission, parameters: list[Parameter]) -> tuple[Entry, ...]:
+    """One source for each parameter; radius and a mass that follows from a density are one source."""
+    coupled = mission.object.radius_mass_covariance
+    pair = [p for p in parameters if p.group in ("radius", "mass")]
+    entries: list[Entry] = []
+    if coupled and len(pair) == 2:
+        covariance = np.diag([(p.sigma or 0.0) ** 2 for p in pair])
+        covariance[0, 1] = covariance[1, 0] = coupled
+        names = tuple(p.name for p in pair)
+        entries.append(("radius and density", names, np.array([p.value for p in pair]), covariance))
+        parameters = [p for p in parameters if p not in pair]
+    for p in parameters:
+        entries.append((p.group, (p.name,), np.array([p.value]), np.array([[(p.sigma or 0.0) ** 2]])))
+    return tuple(entries)
+
+
+def _carried(mission: Mission, joint: CovariancePrior, forces: ForceModel, state: Array) -> tuple[Entry, ...]:
+    """The prior orbit carried from its epoch to the reference epoch, with all that becomes correlated on the way."""
+    free = {parameter.name: parameter for parameter in mission.free_parameters}
+    labels = {f"{name.lower()}_au_d2": name for name in joint.names if f"{name.lower()}_au_d2" in free}
+    orbit_names = COMETARY_NAMES if joint.representation == "cometary" else CARTESIAN_NAMES
+    order = [joint.names.index(name) for name in (*orbit_names, *labels.values())]
+    given = joint.covariance[np.ix_(order, order)]
+    gap = mission.reference_epoch - joint.epoch
+    start, jacobian = _state_at(mission, joint, forces)
+    along = carry(start, joint.epoch, mission.reference_epoch, forces, sensitivities=True)
+    transition, sensitivity = along.Phi[0], along.zeta[0]
+    others = [p for p in free.values() if p.name not in labels] if gap != 0.0 else []
+    diffuse = [p.group for p in others if p.sigma is None]
+    if diffuse:
+        raise InputError(
+            f"the orbit's epoch {joint.epoch} is not the reference epoch {mission.reference_epoch}, and "
+            f"{', '.join(diffuse)} has no sigma; give it one, or set reference_epoch to the epoch of the prior"
+        )
+    names = (*STATE_NAMES, *labels, *(p.name for p in others))
+    size, column = len(names), {name: index for index, name in enumerate(along.parameter_names)}
+    T = np.eye(size)
+    T[:6, :6] = transition @ jacobian
+    for index, name in enumerate(names[6:], start=6):
+        T[:6, index] = sensitivity[:, column[name]]
+    before = np.zeros((size, size))
+    before[: len(given), : len(given)] = given
+    own = PriorTable(entries=_parameter_entries(mission, others))
+    for entry_names, block in ((e[1], e[3]) for e in own.entries):
+        where = [names.index(name) for name in entry_names]
+        before[np.ix_(where, where)] = block
+    mean = np.concatenate([state, [free[name].value for name in names[6:]]])
+    title = "prior orbit" if size == 6 else "prior orbit and parameters"
+    return ((title, names, mean, T @ before @ T.T),)
+
+
+def _state_at(mission: Mission, joint: CovariancePrior, forces: ForceModel) -> tuple[Array, Array]:
+    """The nominal state at the epoch of the prior and the partials (6, 6) of it by what the covariance is about."""
+    gm = forces.ephemeris.gm_km3_s2["sun"]
+    state = orbit_state(mission, gm)
+    if joint.epoch != mission.object.orbit.epoch:
+        state = carry(state, mission.object.orbit.epoch, joint.epoch, forces).state[0]
+    ecliptic = joint.frame == "ecliptic_j2000"
+    jacobian = np.eye(6)
+    if joint.representation == "cometary":
+        back = _to_ecliptic(state) if ecliptic else state
+        jacobian = cometary_to_state(state_to_cometary(back, gm)[0], gm)[1]
+    return state, to_icrf(jacobian) if ecliptic else jacobian
+
+
+def _to_ecliptic(state: Array) -> Array:
+    """A state from ICRF axes to the ecliptic of J2000: the rotation transposed, column by column."""
+    rotation = to_icrf(np.eye(6))
+    back: Array = rotation.T @ state
+    return back
+
+
+def _factor(covariance: Array) -> Array:
+    """A square root of a covariance whose scales differ by many orders of magnitude."""
+    sigma = np.sqrt(np.diag(covariance))
+    sigma = np.where(sigma > 0.0, sigma, 1.0)
+    value, vector = np.linalg.eigh(covariance / sigma[:, None] / sigma)
+    factor: Array = sigma[:, None] * vector * np.sqrt(np.maximum(value, 0.0))
+    return factor

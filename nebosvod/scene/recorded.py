@@ -1,0 +1,199 @@
+"""A fit as the program's scene: forces, stations as telescopes, sources of error, the time its orbit is needed.
+
+Everything that a simulated run says of its estimate (budget, predictions, treatment of every source) is then said of
+a fit by the same code.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from nebosvod.dynamics import ForceModel, Trajectory
+from nebosvod.dynamics.impact import follow
+from nebosvod.engine.assembly import Point, View
+from nebosvod.errors import InputError
+from nebosvod.mission import FitMission, Position, SkyPrediction, Source
+from nebosvod.observation import Nuisance, Observation, Telescope, ZoneBias
+from nebosvod.observation.contracts import Ephemeris as AnyEphemeris
+from nebosvod.observation.earth import obscodes
+from nebosvod.observation.earth.sites import GroundSite
+from nebosvod.observation.measurement.exposures import Look
+from nebosvod.observation.uncertainty.term import Treatment, White
+from nebosvod.scene.instruments import nuisance
+from nebosvod.scene.material import Material, carrier_of
+from nebosvod.scene.scene import MARGIN_S, Scene, covered, times_of
+
+Array = npt.NDArray[np.float64]
+Rows = npt.NDArray[np.int64]
+STATED = "telescope position as stated"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class StatedPosition:
+    """Errors of the observers' places as the records state them: fresh at each record, with its own covariance.
+
+    Parameters
+    ----------
+    rows, covariance_km2 : (r,) and (r, 3, 3) ICRF, of the observation it is asked about.
+    """
+
+    name: str
+    rows: Rows
+    covariance_km2: Array
+    treatment: Treatment = "estimated"
+
+    def term(self, observation: Observation, ephemeris: AnyEphemeris) -> White:
+        """H = H_z on the records that state a covariance."""
+        return White(
+            name=self.name,
+            names=tuple(f"{self.name} {axis}" for axis in "xyz"),
+            rows=self.rows,
+            H=observation.H_z[self.rows],
+            displacement=np.broadcast_to(np.eye(3), (self.rows.size, 3, 3)),
+            Q=self.covariance_km2,
+            treatment=self.treatment,
+        )
+
+
+def scene_of(mission: FitMission, material: Material, forces: ForceModel, trajectory: Trajectory, rows: Rows) -> Scene:
+    """The scene of a fit to some of the observations.
+
+    Parameters
+    ----------
+    mission : resolved (`FitMission.of`): its reference epoch and orbit are those of the fit.
+    trajectory : the orbit of the fit, over the observations.
+    rows : (k,) the selected observations, ascending.
+    """
+    seeing = {material.names[number] for number in np.unique(material.telescope_index[rows])}
+    sources = {source.name: source for source in mission.sources if seeing & set(source.telescopes)}
+    nuisances = [
+        nuisance(source, mission, tuple(name for name in source.telescopes if name in seeing))
+        for source in sources.values()
+    ]
+    stated = np.flatnonzero(np.isin(rows, material.position_rows))
+    if stated.size:
+        block = Position.model_construct(correlation="white", sigma=1.0, treatment="estimated")
+        source = Source(name=STATED, group="position", keys=(STATED,), telescopes=(), error=block, path=("fit",))
+        sources[STATED] = source
+        covariance = material.astrometry.position_covariance_km2[rows[stated]]
+        nuisances.append(StatedPosition(name=STATED, rows=stated, covariance_km2=covariance))
+    return Scene(
+        mission=mission,
+        ephemeris=material.ephemeris,
+        forces=forces,
+        state=np.array(trajectory.at([0.0]).state[0]),
+        telescopes=(*material.telescopes, *_lookouts(mission, material)),
+        visibilities=(),
+        sources=sources,
+        nuisances=tuple(nuisances),
+        span_s=trajectory.span_s,
+        needed_s=trajectory.span_s[1],
+        trajectory=trajectory,
+    )
+
+
+def _lookouts(mission: FitMission, material: Material) -> tuple[Telescope, ...]:
+    """Places that predictions are made for and that have not observed: spacecraft by their files, sites on the ground.
+
+    A site is placed beyond the Earth-rotation table too, as those that observed are; `beyond_tables` says so.
+    """
+    asked = {item.telescope for item in mission.predictions if isinstance(item, SkyPrediction)}
+    found = []
+    for code in sorted(asked - set(material.names)):
+        place = carrier_of(mission, code) or _site(code)
+        found.append(Telescope(name=code, spacecraft=place, sigma_rad=1.0))
+    return tuple(found)
+
+
+def _site(code: str) -> GroundSite:
+    """A station on the ground, by the constants of the Minor Planet Center.
+
+    Raises
+    ------
+    InputError
+        If it has no fixed place.
+    """
+    site = obscodes.codes()[code]
+    if obscodes.needs_position(code):
+        raise InputError(f"{obscodes.described(code)} has no fixed place; give its trajectory under fit.spacecraft")
+    constants = (np.radians(float(site["Longitude"])), float(site["cos"]), float(site["sin"]))
+    return GroundSite.from_parallax(*constants, extrapolate=True)
+
+
+def beyond_tables(scene: Scene) -> tuple[str, ...]:
+    """What stands in for the Earth-rotation table where a prediction is asked of a site beyond its end."""
+    told = []
+    for item in scene.mission.predictions:
+        if isinstance(item, SkyPrediction):
+            telescope = next(one for one in scene.telescopes if one.name == item.telescope)
+            site = getattr(telescope.spacecraft, "carrier", telescope.spacecraft)
+            if isinstance(site, GroundSite):
+                notices = site.notices(scene.epoch, np.array([item.at - scene.epoch]))
+                told += [f"prediction {item.name} from {item.telescope}: {text}" for text in notices]
+    return tuple(told)
+
+
+def long_span(
+    mission: FitMission, forces: ForceModel, span_s: tuple[float, float]
+) -> tuple[tuple[float, float], float]:
+    """First and last time the answer needs the orbit, inside the ephemeris, and the last that must be reached."""
+    epoch = mission.reference_epoch
+    needed = [*span_s, 0.0]
+    asked = [when - epoch for when in (*mission.fit.epochs, *([mission.fit.epoch] if mission.fit.epoch else []))]
+    times = needed + asked + times_of(mission.predictions, epoch)
+    whole = min(times) - MARGIN_S, max(times) + (MARGIN_S if max(times) > max(span_s) else 0.0)
+    return covered(whole, (min(*span_s, 0.0), max(needed)), forces, epoch), max(needed)
+
+
+def long_trajectory(mission: FitMission, state: Array, forces: ForceModel, span_s: tuple[float, float]) -> Trajectory:
+    """The orbit over everything the answer needs, or to its impact.
+
+    Raises
+    ------
+    EventError, CoverageError
+        If it hits a body, or the ephemeris ends, before the last state asked for.
+    """
+    span, needed = long_span(mission, forces, span_s)
+    return follow(state, mission.reference_epoch, span, needed, forces, True)
+
+
+def observation_of(material: Material, trajectory: Trajectory, seen: Look, rows: Rows) -> Observation:
+    """A look at the sky as the observation stage says it, of some observations in the order of time."""
+    index = material.telescope_index[rows]
+    seeing = np.unique(index)
+    lines = {name: values[rows] for name, values in seen.lines.items()}
+    return Observation(
+        epoch=trajectory.epoch,
+        telescopes=tuple(material.telescopes[number] for number in seeing),
+        telescope_index=np.searchsorted(seeing, index),
+        parameter_names=tuple(trajectory.parameter_names),
+        t_s=material.astrometry.t_s[rows] + (material.astrometry.epoch - trajectory.epoch),
+        psi=seen.psi[rows],
+        H_x=lines["H_x"],
+        H_x0=seen.H[rows, :, :6],
+        H_z=lines["H_z"],
+        H_c=seen.H[rows, :, 6:],
+        rate=seen.rate[rows],
+        noise=material.noise(seen)[rows],
+        u=lines["u"],
+        distance_km=lines["distance"],
+        light_time_s=seen.tau[rows],
+        telescope_state=lines["observer"],
+        target_state=lines["target"],
+        Phi_emission=lines["Phi"],
+        zeta_emission=lines["zeta"],
+    )
+
+
+def view_of(scene: Scene, point: Point, material: Material, trajectory: Trajectory, seen: Look, rows: Rows) -> View:
+    """What the general estimator sees of a look at the sky: the chosen observations and what the sources do to them."""
+    observation = observation_of(material, trajectory, seen, rows)
+    psi = material.observed[rows]
+    terms = tuple(_zoned(one, observation, psi).term(observation, scene.ephemeris) for one in scene.nuisances)
+    return View(point=point, trajectory=trajectory, observation=observation, terms=terms)
+
+
+def _zoned(one: Nuisance, observation: Observation, psi: Array) -> Nuisance:
+    """The same nuisance; zones of the sky are those of the observed directions psi (k, 2), whatever the orbit says."""
+    return replace(one, sky=psi[observation.rows(one.telescopes)]) if isinstance(one, ZoneBias) else one

@@ -1,0 +1,307 @@
+"""`nebosvod validate`: the whole chain on simulated truths, and whether its covariances can be believed.
+
+linear mode: the orbit of each truth is linear about the reference orbit (Phi, zeta), measured through the full
+geometry, and estimated in one step with the partials of the reference orbit; judged by the covariance there.
+full mode: each truth is propagated with its own parameters, estimated by Gauss-Newton from the reference orbit to
+convergence, and judged by the covariance its own estimate reports. A covariance that is right must pass both; the
+first serves where the second-order terms are small (`nebosvod.engine.trial.second_order`), and is not used where they are not.
+"""
+
+import os
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from nebosvod import __version__
+from nebosvod.borders.wholefile import refuse_link
+from nebosvod.engine.trial import LINEAR_SIGMA, Estimating, Setting, second_order
+from nebosvod.errors import GeometryError, InputError
+from nebosvod.estimation import Block, Markov, White
+from nebosvod.estimation.accuracy.repeated import first_determined
+from nebosvod.findings.foretold import predicted
+from nebosvod.mission import Mission
+from nebosvod.mission.reading.cost import MAX_RUNS
+from nebosvod.mission.reading.reader import require_mission
+from nebosvod.mission.request import OWN_GAIN
+from nebosvod.results.result import json_text
+from nebosvod.scene.prior import STATE_NAMES
+from nebosvod.studies.campaign import NIS_ROWS, Campaign, CampaignFolder
+from nebosvod.studies.executor import run_tasks
+from nebosvod.studies.trust import Claim, Direction, judge
+
+Array = npt.NDArray[np.float64]
+SCHEMA_VERSION = 1
+FAMILY_LEVEL = 0.01
+ALLOWED_FAILURES = 0.01  # of runs without convergence, before the campaign itself fails
+AGREEMENT_SIGMA = 1e-6  # between one factorisation for all runs and the estimator's own method
+MIN_RUNS = 20
+FEWEST = 2  # estimates that can be judged: a scatter needs two
+AXES = ("radially", "along the track", "normal to the orbit plane")
+COMPONENTS = {
+    "sky": ("RA*", "Dec"),
+    "position": ("x", "y", "z"),
+    "rtn": ("radial", "transverse", "normal"),
+    "rtn_velocity": ("radial", "transverse", "normal"),
+    "b_plane": ("xi", "zeta"),
+    "mtp": ("xi", "zeta"),
+    "perigee_distance": ("distance",),
+    "entry": ("downrange", "crossrange"),
+}
+MODES = {
+    "linear": "truths linear about the reference orbit, measured through the full geometry, estimated with one "
+    "factorisation of the problem at the reference orbit and judged by the covariance there",
+    "full": "truths propagated with their own parameters, estimated by Gauss-Newton to convergence, each judged by the "
+    "covariance and the innovations of its own estimate",
+}
+
+
+def validate(
+    mission: Mission,
+    folder: Path,
+    *,
+    runs: int,
+    seed: int = 0,
+    workers: int = 1,
+    full: bool = False,
+    overwrite: bool = False,
+    progress: Callable[[int, int], None] = lambda done, runs: None,
+    say: Callable[[str], None] = lambda message: None,
+) -> dict[str, Any]:
+    """Run or continue a validation campaign in `folder`; returns what validation.json holds.
+
+    Parameters
+    ----------
+    runs : simulated truths; every estimator of the mission sees the same ones.
+    full : iterate every estimate even where the linear step would do.
+    workers : processes; the result does not depend on them.
+    progress : called with the runs that are done and all runs.
+    say : called with a sentence for each stored file that was changed since it was written.
+
+    Raises
+    ------
+    InputError
+        If there are too few or too many runs.
+    GeometryError
+        If no estimator of the mission can observe the state.
+    OutputError
+        If the folder holds another campaign, or this one with more runs, and it is not to be overwritten.
+    """
+    require_mission(mission, "validate")
+    if not MIN_RUNS <= runs <= MAX_RUNS:
+        raise InputError(
+            f"--runs: {runs:,} is out of range (allowed {MIN_RUNS} to {MAX_RUNS:,}); 2000 see a sigma wrong by 6 %"
+        )
+    if folder.is_symlink():
+        refuse_link(folder, folder.lstat().st_mode)
+    setting = Setting.of(mission)
+    _require_observable(setting)
+    left_out = second_order(setting, seed)
+    full = full or left_out > LINEAR_SIGMA
+    campaign = Campaign.of(mission, seed, full, setting.nominal.observation.t_s.size)
+    with CampaignFolder(folder, campaign, overwrite=overwrite) as held:
+        held.refuse_smaller(runs)
+        missing = held.missing(runs)
+        for sentence in held.changed(missing):
+            say(sentence)
+        finished = held.chunks(runs) - len(missing)
+        progress(min(runs, finished * campaign.chunk_runs), runs)
+
+        def count(task: int, answer: Any) -> None:
+            nonlocal finished
+            finished += 1
+            progress(min(runs, finished * campaign.chunk_runs), runs)
+
+        argument = {"campaign": asdict(campaign), "folder": os.path.abspath(folder)}
+        run_tasks("nebosvod.studies.campaign:open_campaign", argument, missing, workers, count)
+        found = summary(setting, campaign, runs, held.collected(runs), left_out)
+        held.publish(json_text(found))
+    return found
+
+
+def _require_observable(setting: Setting) -> None:
+    """Something must be there to judge."""
+    if all(one.reference.solution is None for one in setting.estimating):
+        first = setting.estimating[0].reference
+        raise GeometryError(
+            f"{setting.scene.mission.name}: nothing to validate: {first.message}",
+            rank=first.rank,
+            weak_direction=first.weak_direction,
+        )
+
+
+def summary(
+    setting: Setting, campaign: Campaign, runs: int, arrays: dict[str, npt.NDArray[Any]], left_out: float
+) -> dict[str, Any]:
+    """What validation.json holds: no time, no path, no count of workers in it.
+
+    Parameters
+    ----------
+    left_out : what the linear step leaves out, in sigmas.
+    """
+    mission = setting.scene.mission
+    level = FAMILY_LEVEL / len(setting.estimating)
+    rows = [_estimator(setting, k, arrays, campaign.mode, level) for k in range(len(setting.estimating))]
+    passed = all(row["passed"] for row in rows)
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "mission": mission.name,
+        "title": mission.title or mission.name,
+        "object": mission.object.name,
+        "reference_epoch_tdb": setting.scene.epoch.iso(),
+        "n_observations": int(setting.nominal.observation.t_s.size),
+        "telescopes": [telescope.name for telescope in setting.nominal.observation.telescopes],
+        "versions": {"nebosvod": __version__, "numpy": np.__version__},
+        "mission_sha256": campaign.mission_sha256,
+        "seed": campaign.seed,
+        "n_runs": runs,
+        "mode": campaign.mode,
+        "method": MODES[campaign.mode],
+        "second_order_sigma": left_out if np.isfinite(left_out) else None,
+        "family_level": FAMILY_LEVEL,
+        "passed": passed,
+        "verdict": _overall(rows, passed),
+        "estimators": rows,
+    }
+
+
+def _estimator(
+    setting: Setting, k: int, arrays: dict[str, npt.NDArray[Any]], mode: str, level: float
+) -> dict[str, Any]:
+    """One estimator judged with K_true and with K_formal."""
+    one = setting.estimating[k]
+    left_out = sources_left_out(one)
+    row: dict[str, Any] = {
+        "name": one.estimator.name,
+        "method": one.estimator.method,
+        "status": str(one.reference.status),
+        "left_out": left_out,
+        # the K_formal of an estimator with a gain of its own is its whole claim, whatever is left out
+        "claims_formal": not left_out or one.estimator.method in OWN_GAIN,
+    }
+    if one.reference.solution is None:
+        return row | {
+            "passed": False,
+            "reason": one.reference.message,
+            "n_failed": 0,
+            "check_sigma": None,
+            "judged": {},
+        }
+    errors = arrays[f"errors_{k}"]
+    good = np.isfinite(errors).all(axis=1)
+    check = arrays[f"check_{k}"] if mode == "linear" else np.zeros(0)
+    agreement = float(np.nanmax(check)) if np.isfinite(check).any() else None
+    own = {name: value[good] for name, value in _own(arrays, k).items()}
+    judged = _judged(setting, one, own, level) if np.count_nonzero(good) >= FEWEST else {}
+    row |= {"n_failed": int((~good).sum()), "check_sigma": agreement, "judged": judged}
+    reason = _reason(row, len(errors))
+    return row | {"passed": not reason, "reason": reason}
+
+
+def _own(arrays: dict[str, npt.NDArray[Any]], k: int) -> dict[str, npt.NDArray[Any]]:
+    """The arrays of one estimator, without its number."""
+    return {name.rsplit("_", 1)[0]: array for name, array in arrays.items() if name.rsplit("_", 1)[1] == str(k)}
+
+
+def _reason(row: dict[str, Any], runs: int) -> str:
+    """Why an estimator did not pass; empty if it did."""
+    if row["n_failed"] > ALLOWED_FAILURES * runs:
+        return f"{row['n_failed']} of {runs} runs gave no estimate"
+    if row["check_sigma"] is not None and row["check_sigma"] > AGREEMENT_SIGMA:
+        return f"its own method and one factorisation for all runs differ by {row['check_sigma']:.2g} sigma"
+    for name, judged in row["judged"].items():
+        if judged["claimed"] and not judged["consistent"]:
+            return f"judged with K_{name}: {judged['verdict']}"
+    return ""
+
+
+def sources_left_out(one: Estimating) -> list[str]:
+    """Names of the sources of error the estimator considers or ignores."""
+    problem = one.base
+    groups: tuple[Block | White | Markov, ...] = (*problem.blocks, *problem.white, *problem.markov)
+    return [group.name for group in groups if group.treatment in ("considered", "ignored")]
+
+
+def _judged(
+    setting: Setting, one: Estimating, own: dict[str, npt.NDArray[Any]], level: float
+) -> dict[str, dict[str, Any]]:
+    """Verdicts by the covariance on trial: true, formal."""
+    reference, telescopes = one.reference, setting.nominal.observation.telescopes
+    names, left_out = reference.names + reference.left_out, sources_left_out(one)
+    formal = np.vstack([reference.S_formal, np.zeros((len(reference.left_out), reference.S_formal.shape[1]))])
+    factors = {"true": own.get("factor_true", reference.factor(names)), "formal": own.get("factor_formal", formal)}
+    components = _innovation_components(setting, one)
+    rows = directions(setting, names)
+    state = np.array([row.weights for row in rows[: len(STATE_NAMES)]])
+    mean = own.get("mean", one.mean(names))
+    spread = {"true": own["errors"] - mean, "formal": own["errors"]}  # K_formal knows of no mean error
+    judged = {}
+    for column, name in ((1, "true"), (0, "formal")):
+        claim = Claim(
+            factor=factors[name],
+            nis=own["nis"][:, :, column],
+            nis_components=components,
+            independent=name == "formal" or not left_out,
+        )
+        claimed = name == "true" or not left_out or one.estimator.method in OWN_GAIN
+        found = judge(spread[name], claim, rows, state, [t.name for t in telescopes], level)
+        judged[name] = {"claimed": claimed, **found}
+    return judged
+
+
+def _innovation_components(setting: Setting, one: Estimating) -> Array:
+    """How many components the innovations of each telescope have."""
+    index = setting.nominal.observation.telescope_index
+    count = len(setting.nominal.observation.telescopes)
+    first = first_determined(one.base) if index.size <= NIS_ROWS else None
+    used = index[index.size if first is None else first :]
+    return one.base.p * np.bincount(used, minlength=count).astype(np.float64)
+
+
+def directions(setting: Setting, names: tuple[str, ...]) -> list[Direction]:
+    """Every direction a reader has a word for: radial, transverse, normal; parameters; predictions."""
+    place = {name: index for index, name in enumerate(names)}
+    unit = np.eye(len(names))
+    x = setting.scene.state
+    radial = x[:3] / np.linalg.norm(x[:3])
+    normal = np.cross(x[:3], x[3:])
+    normal /= np.linalg.norm(normal)
+    axes = (radial, np.cross(normal, radial), normal)
+    found = []
+    for group, which, size in (("position", STATE_NAMES[:3], "km"), ("velocity", STATE_NAMES[3:], "km/s")):
+        basis = unit[[place[name] for name in which]]
+        found += [Direction(group=group, name=name, unit=size, weights=axis @ basis) for name, axis in zip(AXES, axes)]
+    found += [
+        Direction(group="parameter", name=name, unit="", weights=unit[place[name]])
+        for name in names
+        if name not in STATE_NAMES
+    ]
+    return found + _predicted(setting, names)
+
+
+def _predicted(setting: Setting, names: tuple[str, ...]) -> list[Direction]:
+    """The components of every prediction of the mission."""
+    found = []
+    for asked in predicted(setting.scene, setting.scene.trajectory, setting.scene.mission.predictions).found:
+        request = asked.request
+        weights = np.zeros((len(asked.partials), len(names)))
+        for column, name in enumerate(asked.names):
+            if name in names:
+                weights[:, names.index(name)] = asked.partials[:, column]
+        labels = COMPONENTS.get(request.plane, ())
+        for k, row in enumerate(weights):
+            label = labels[k] if k < len(labels) else f"component {k + 1}"
+            found.append(Direction(group=request.name, name=label, unit=asked.unit, weights=row))
+    return found
+
+
+def _overall(rows: list[dict[str, Any]], passed: bool) -> str:
+    """The whole campaign in one sentence."""
+    if not passed:
+        return "; ".join(f"{row['name']} fails: {row['reason']}" for row in rows if not row["passed"])
+    caught = [row["name"] for row in rows if not row["claims_formal"] and not row["judged"]["formal"]["consistent"]]
+    said = "every estimator that claims honesty keeps its word"
+    return said + (f"; the formal sigmas of {', '.join(caught)} are wrong, as they must be" if caught else "")

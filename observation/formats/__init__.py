@@ -1,0 +1,1 @@
+"""Bytes of files of astrometry -> records, and back; nothing is weighed or computed here."""

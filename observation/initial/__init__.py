@@ -1,0 +1,1 @@
+"""Directions alone -> a first orbit."""

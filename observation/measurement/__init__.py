@@ -1,0 +1,1 @@
+"""Exposures -> computed directions psi, their partials, and which of them can be made."""

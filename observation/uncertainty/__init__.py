@@ -1,0 +1,1 @@
+"""What is uncertain about telescopes -> terms: what each error does to the measurements."""
