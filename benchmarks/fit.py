@@ -132,7 +132,7 @@ def many(forces: ForceModel, objects: int, observations: int, years: float, give
     """Fit many objects with progress, from their records alone or from orbits 1e-4 au off; prints and returns s."""
     from nebosvod.fits.answer import answer
     from nebosvod.fits.engine import fit_object
-    from nebosvod.results.fit_outcome import mission_of
+    from nebosvod.pipeline import mission_of
     from nebosvod.results.fit_summary import summarise
 
     rng = np.random.default_rng(1)

@@ -31,7 +31,7 @@ from nebosvod.fits.correction import Correction, correct
 from nebosvod.fits.engine import fit_object
 from nebosvod.observation.formats.reading import read_astrometry
 from nebosvod.observation.measurement.exposures import Look, Sky, look
-from nebosvod.results.fit_outcome import mission_of
+from nebosvod.pipeline import mission_of
 from nebosvod.timescale import SECONDS_PER_DAY
 
 Array = npt.NDArray[np.float64]

@@ -15,7 +15,6 @@ from nebosvod.dynamics.collision import arrival
 from nebosvod.dynamics.encounter import relative_state
 from nebosvod.dynamics.surface import SURFACE_KM, height_km
 from nebosvod.errors import ImpactError
-from nebosvod.mission.reading.flight import MOST_STEPS
 from nebosvod.timescale import Epoch
 
 Array = npt.NDArray[np.float64]
@@ -23,6 +22,7 @@ BELOW_S = 2.0  # an orbit that hits is followed so far below the surface: target
 GATE = 10.0  # radii, where an approach is described by its osculating hyperbola
 GRAIN_S = 1e-6  # to which a time of passage is found
 MOST_HALVINGS = 60
+MOST_STEPS = 8_000  # of one flight: with the ephemeris at their nodes they take a sixth of a gigabyte
 
 
 def follow(

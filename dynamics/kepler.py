@@ -3,9 +3,12 @@
 import math
 
 import numpy as np
+import numpy.typing as npt
 
 from nebosvod.dynamics.compilation import kernel
-from nebosvod.observation.contracts import Array
+
+Array = npt.NDArray[np.float64]
+
 
 NEWTON_STEPS = 30
 

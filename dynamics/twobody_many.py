@@ -6,8 +6,10 @@ by Laguerre's method of degree five (Conway 1986, Celest. Mech. 39, 199), which 
 """
 
 import numpy as np
+import numpy.typing as npt
 
-from nebosvod.observation.contracts import Array
+Array = npt.NDArray[np.float64]
+
 
 ITERATIONS = 30
 TOLERANCE = 1e-6  # of the last step, relative: convergence is cubic, so the error after it is 1e-18

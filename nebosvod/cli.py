@@ -20,9 +20,9 @@ from typing import Any, NoReturn
 
 import click
 
-from nebosvod import __version__
 from nebosvod.borders.interrupts import EXIT_INTERRUPTED, end, interruptible
 from nebosvod.errors import InputError, NebosvodError, NebosvodNotice, notes_of
+from nebosvod.version import __version__
 
 EXIT_QUALITY, EXIT_INPUT, EXIT_ENVIRONMENT, EXIT_INTERNAL = 1, 2, 3, 4
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
@@ -66,11 +66,12 @@ def run(mission: str, output: Path | None, seed: int, overwrite: bool, as_json: 
     """
     from nebosvod.commands.progress import stages
     from nebosvod.mission import load_mission
-    from nebosvod.results.result import RunFolder, default_folder
+    from nebosvod.report.pages import report_text
+    from nebosvod.results.result import OwnedFolder, default_folder
 
     loaded = load_mission(mission)
     folder = output if output is not None else default_folder(loaded.slug)
-    with stages() as progress, RunFolder(folder, overwrite=overwrite) as target:
+    with stages() as progress, OwnedFolder(folder, report_text, overwrite=overwrite) as target:
         from nebosvod.pipeline import run as run_mission
 
         result = run_mission(loaded, seed=seed, progress=progress)
@@ -266,10 +267,11 @@ def compare(folders: tuple[Path, ...], page: Path | None, as_json: bool) -> int:
     \b
     Example:  nebosvod compare apophis-2029-run apophis-heliocentric-run
     """
-    from nebosvod.borders.stored import changed_said, held_together
+    from nebosvod.borders.stored import held_together
     from nebosvod.borders.wholefile import require_places, write_new_text
     from nebosvod.commands.compare_answer import print_comparison
     from nebosvod.results.compare import compare as compare_runs
+    from nebosvod.results.ownership import changed_said
     from nebosvod.results.result import json_text
 
     require_places(page)
@@ -296,11 +298,18 @@ def compare(folders: tuple[Path, ...], page: Path | None, as_json: bool) -> int:
 def report(folder: Path, pdf: bool) -> int:
     """(Re)make report.html of the run in FOLDER, from the files of the run alone."""
     from nebosvod.borders.wholefile import refuse_link
+    from nebosvod.report.kit.pdf import print_pdf
+    from nebosvod.report.pages import report_text
     from nebosvod.results.result import rewrite_report
 
     if folder.is_symlink():
         refuse_link(folder, folder.lstat().st_mode)
-    made = rewrite_report(folder, pdf=pdf, say=lambda sentence: click.echo(f"notice: {sentence}", err=True))
+    made = rewrite_report(
+        folder,
+        report_text,
+        printer=print_pdf if pdf else None,
+        say=lambda sentence: click.echo(f"notice: {sentence}", err=True),
+    )
     click.echo(f"report: {made}")
     if pdf:
         click.echo(f"pdf: {folder / 'report.pdf'}")

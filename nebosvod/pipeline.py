@@ -1,35 +1,47 @@
-"""The main job: mission -> scene -> simulated measurements -> estimates -> predictions -> result."""
+"""The main job: mission -> scene -> measurements, drawn or recorded -> estimates -> predictions -> result."""
 
-import platform
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from datetime import UTC, datetime
-from importlib.metadata import version
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from nebosvod import __version__
-from nebosvod.engine.assembly import View, computed_psi, linear_problem, nominal_point, view
+from nebosvod.dynamics import Ephemeris
+from nebosvod.engine.assembly import computed_psi, linear_problem, nominal_point, view
 from nebosvod.engine.fitting import Fit, fit
 from nebosvod.engine.montecarlo import Sample, consistency, consistency_block, repeat_all
 from nebosvod.engine.truth import draw
+from nebosvod.errors import InputError, NebosvodError, noting
 from nebosvod.estimation import Status
 from nebosvod.findings.assessment import assess
 from nebosvod.findings.distance import unknown_distance
 from nebosvod.findings.foretold import foretell
-from nebosvod.mission import Mission
+from nebosvod.fits.answer import Answer, answer
+from nebosvod.fits.engine import fit_object
+from nebosvod.mission import FitMission, Mission
+from nebosvod.mission.fit import FitPlan
 from nebosvod.mission.reading.reader import require_mission
+from nebosvod.mission.slugs import slug
+from nebosvod.observation.formats.records import Astrometry
+from nebosvod.results import fit_summary, fit_tables, run_summary, run_tables
+from nebosvod.results.fit_export import exports
+from nebosvod.results.manifest import manifest
+from nebosvod.results.ownership import sha256_of
 from nebosvod.results.result import Result
-from nebosvod.results.run_summary import summarise
-from nebosvod.results.run_tables import all_arrays, all_tables
+from nebosvod.scene.material import gather, one_object
+from nebosvod.scene.point import View
 from nebosvod.scene.prior import PriorTable, prior_table
 from nebosvod.scene.scene import Scene, build_scene
 
 Array = npt.NDArray[np.float64]
-LIBRARIES = ("numpy", "scipy", "astropy", "jplephem", "numba", "pyerfa", "matplotlib")
+Say = Callable[[str], None]
+SPLIT_HINT = (
+    "name it with --object, or fit each by itself with --split; "
+    "where they are one object, give --object once for each of its names"
+)
 
 
 def run(mission: Mission, seed: int = 0, progress: Callable[[str], None] | None = None) -> Result:
@@ -66,10 +78,10 @@ def run(mission: Mission, seed: int = 0, progress: Callable[[str], None] | None 
     findings = assess(scene, fits, foretold, samples, seed, (base, nominal))
     trials = [{"estimator": name, **consistency(sample)} for name, sample in samples.items()]
     return Result(
-        summary=summarise(scene, priors, fits, findings) | consistency_block(trials),
+        summary=run_summary.summarise(scene, priors, fits, findings) | consistency_block(trials),
         manifest=manifest(scene, seed, started, fits),
-        arrays=all_arrays(scene, nominal, fits, truth.psi) | findings.arrays,
-        tables=all_tables(scene, nominal, fits, truth.psi, findings),
+        arrays=run_tables.all_arrays(scene, nominal, fits, truth.psi) | findings.arrays,
+        tables=run_tables.all_tables(scene, nominal, fits, truth.psi, findings),
     )
 
 
@@ -82,33 +94,6 @@ def judged(scene: Scene, found: Fit) -> Fit:
     return replace(found, status=Status.NOT_OBSERVABLE, message=words)
 
 
-def manifest(scene: Scene, seed: int, started: float, fits: list[Fit]) -> dict[str, Any]:
-    """Where a result came from; only `times` differ between two runs with one seed."""
-    mission = scene.mission
-    first, last = scene.ephemeris.span
-    return {
-        "schema_version": 1,
-        "versions": {
-            "nebosvod": __version__,
-            "python": platform.python_version(),
-            **{name: version(name) for name in LIBRARIES},
-        },
-        "mission": {"name": mission.name, "sha256": mission.sha256, "text": mission.text},
-        "ephemeris": {
-            "source": scene.ephemeris.source,
-            "sha256": dict(scene.ephemeris.sha256),
-            "span": f"{first.iso(digits=0)} to {last.iso(digits=0)}",
-        },
-        "seed": seed,
-        "status": {one.estimator.name: str(one.status) for one in fits},
-        "leap_seconds": "erfa's table; TAI - UTC stays at its last value, 37 s, after it; UT1 = UTC",
-        "times": {
-            "started_utc": datetime.fromtimestamp(started, UTC).isoformat(timespec="seconds"),
-            "elapsed_s": round(time.time() - started, 3),
-        },
-    }
-
-
 def _samples(
     scene: Scene, nominal: View, priors: PriorTable, fits: list[Fit], seed: int, say: Callable[[str], None]
 ) -> dict[str, Sample]:
@@ -119,3 +104,88 @@ def _samples(
     estimators = [one.estimator for one in fits if one.estimate.solution is not None]
     found = repeat_all(scene, estimators, nominal, priors, plan.runs, seed, say)
     return {estimator.name: sample for estimator, sample in zip(estimators, found)}
+
+
+def mission_of(files: Sequence[str], designations: Sequence[str] = ()) -> FitMission:
+    """The fit of plain files: everything else as by default.
+
+    Raises
+    ------
+    InputError
+        If there is no file.
+    """
+    if not files:
+        raise InputError("no observations: name their files, or one settings file (.yaml) with a fit block")
+    stem = slug(Path(files[0]).name.partition(".")[0], "observations")
+    if not all(str(file) for file in files):
+        raise InputError('"": no such file (got an empty name); name a file of observations')
+    # names of the system, which may be longer than the lines of a settings file
+    chosen = {"observations": tuple(str(file) for file in files)}
+    plan = FitPlan(observations=("-",)).model_copy(
+        update=chosen | ({"designation": tuple(designations)} if designations else {})
+    )
+    return FitMission(schema_version=1, name=designations[0] if designations else stem, fit=plan)
+
+
+def objects(mission: FitMission, split: bool) -> Iterator[Astrometry]:
+    """The records of each object to fit: the one named, the only one, or with `split` every one.
+
+    Raises
+    ------
+    InputError
+        If there are several and none is chosen.
+    """
+    records = gather(mission)
+    designations = mission.fit.designation
+    if split and not designations:
+        for name in records.objects:
+            yield records.of(name)
+        return
+    with noting(records.notices):
+        mine = one_object(records, designations, SPLIT_HINT)
+    yield mine
+
+
+def fitted(
+    mission: FitMission, records: Astrometry, ephemeris: Ephemeris, say: Say, *, export: bool = False
+) -> tuple[Result, Answer]:
+    """Fit one object and make its result; with `export`, the orbit for other programs too."""
+    started = time.time()
+    with noting(records.notices):
+        fit = fit_object(records, mission, ephemeris, say)
+    with noting(fit.material.notices):
+        found = answer(fit)
+    result = Result(
+        summary=fit_summary.summarise(found),
+        manifest=_fit_manifest(mission, found, started),
+        arrays=fit_tables.all_arrays(found),
+        tables=fit_tables.all_tables(found),
+        files=exports(found) if export else {},
+    )
+    return result, found
+
+
+def every(
+    mission: FitMission, ephemeris: Ephemeris, say: Say, *, export: bool = False
+) -> Iterator[tuple[str, Result | NebosvodError]]:
+    """Fit every object of the files, one after the other; trouble with one does not stop the others."""
+    parts = list(objects(mission, split=True))
+    for number, records in enumerate(parts, start=1):
+        name = records.objects[0]
+        say(f"{number} of {len(parts)}: {name}")
+        try:
+            yield name, fitted(mission, records, ephemeris, lambda message: None, export=export)[0]
+        except NebosvodError as error:
+            yield name, error
+
+
+def _fit_manifest(mission: FitMission, found: Answer, started: float) -> dict[str, Any]:
+    """Where the result came from, with the sha256 of every file read."""
+    general = found.fit.general
+    paths = [Path(name) for name in mission.fit.observations]
+    if mission.path is not None:
+        paths = [path for path in mission.input_files if path.is_file()]
+    return manifest(general.scene, 0, started, [general.fit]) | {
+        "inputs_sha256": {str(path): sha256_of(path) for path in paths},
+        "status": {"fit": str(found.fit.verdict.status)},
+    }

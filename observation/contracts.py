@@ -12,6 +12,9 @@ import numpy.typing as npt
 from nebosvod.timescale import Epoch
 
 Array = npt.NDArray[np.float64]
+Texts = npt.NDArray[np.str_]
+Rows = npt.NDArray[np.int64]
+Flags = npt.NDArray[np.bool_]
 
 
 class Ephemeris(Protocol):

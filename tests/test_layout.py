@@ -10,7 +10,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
 STAGES = ("dynamics", "observation", "estimation", "nebosvod")
-LEAVES = ("nebosvod.errors", "nebosvod.timescale", "nebosvod.borders.quantities", "nebosvod.borders.wholefile")
+LEAVES = ("nebosvod.errors", "nebosvod.units", "nebosvod.timescale", "nebosvod.version", "nebosvod.borders")
 MAY_IMPORT = {
     "dynamics": {"dynamics"},
     "observation": {"dynamics", "observation"},
@@ -69,7 +69,103 @@ def test_imports_go_one_way_from_left_to_right(path: Path) -> None:
         assert leaf or name == "nebosvod" or stage_of(name) in MAY_IMPORT[stage], f"{path} imports {name}"
 
 
-@pytest.mark.parametrize("leaf", ["errors", "timescale", "quantities", "wholefile"])
+LOOSE = {"cli", "pipeline", "version", "units", "errors", "timescale", "__init__", "__main__"}
+# A module imports only from its own room and from rooms above it; doors of stages and leaves are open to all.
+ROOMS = (
+    "nebosvod/borders",
+    "dynamics",
+    "observation/earth",
+    "observation/spacecraft",
+    "observation/formats",
+    "observation/reduction",
+    "observation/measurement",
+    "observation/uncertainty",
+    "observation/initial",
+    "estimation/problem",
+    "estimation/filters",
+    "estimation/solvers",
+    "estimation/accuracy",
+    "nebosvod/mission/yaml",
+    "nebosvod/mission",
+    "nebosvod/mission/reading",
+    "nebosvod/scene",
+    "nebosvod/engine",
+    "nebosvod/findings",
+    "nebosvod/planning",
+    "nebosvod/fits",
+    "nebosvod/results",
+    "nebosvod/report/kit",
+    "nebosvod/report/run",
+    "nebosvod/report/fit",
+    "nebosvod/report",
+    "nebosvod/pipeline",
+    "nebosvod/studies",
+    "nebosvod/commands",
+    "nebosvod/cli",
+)
+DOORS = ("dynamics", "observation", "estimation", "nebosvod/mission")  # what a stage or room shows to those below it
+FILE_OF = {
+    "nebosvod." * (path.parts[len(ROOT.parts)] != "nebosvod")
+    + ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): path
+    for path in CODE
+}
+
+
+def room_of(path: Path) -> str | None:
+    """The room a module stands in; None for leaves and for doors, which all may import."""
+    place = path.relative_to(ROOT)
+    folder = place.parent.as_posix()
+    if place.stem == "__init__" and folder in (*DOORS, "nebosvod"):
+        return None
+    if folder in ("nebosvod", "observation", "estimation"):
+        known = {"pipeline": "nebosvod/pipeline", "cli": "nebosvod/cli", "__main__": "nebosvod/cli"}
+        return known.get(place.stem)
+    return folder
+
+
+def targets(path: Path) -> set[Path]:
+    """The modules a file imports, a name that is no module by the module that holds it."""
+    return {FILE_OF[name] for name in imported_names(path) if name in FILE_OF}
+
+
+@pytest.mark.parametrize("path", CODE, ids=lambda path: path.relative_to(ROOT).as_posix())
+def test_a_room_imports_only_from_rooms_above_it(path: Path) -> None:
+    room = room_of(path)
+    if room is None:
+        return
+    above = {one for target in targets(path) if (one := room_of(target)) is not None}
+    assert not {one for one in above if ROOMS.index(one) > ROOMS.index(room)}
+
+
+@pytest.mark.parametrize("room", [room for room in ROOMS if (ROOT / room).is_dir()])
+def test_every_room_says_at_its_door_what_it_is(room: str) -> None:
+    words = ast.get_docstring(ast.parse((ROOT / room / "__init__.py").read_text("utf-8"))) or ""
+    assert words.splitlines()[0].rstrip().endswith((".", "one."))
+
+
+def test_no_module_stands_outside_a_room() -> None:
+    assert {path.stem for path in (ROOT / "nebosvod").glob("*.py")} == LOOSE
+    assert {path.stem for path in (ROOT / "observation").glob("*.py")} == {"__init__", "contracts"}
+    assert {path.stem for path in (ROOT / "estimation").glob("*.py")} == {"__init__"}
+
+
+@pytest.mark.smoke
+def test_public_verbs_stay_functions_when_every_module_is_loaded() -> None:
+    """A module of a verb's name would take its place at the second access."""
+    script = f"""
+import importlib
+for name in {sorted(FILE_OF)!r}:
+    if not name.endswith("__main__"):
+        importlib.import_module(name)
+import nebosvod
+for name in nebosvod.__all__:
+    thing = getattr(nebosvod, name)
+    assert name == "__version__" or callable(thing), name
+"""
+    subprocess.run([sys.executable, "-c", script], cwd=ROOT, check=True)
+
+
+@pytest.mark.parametrize("leaf", ["errors", "timescale", "units", "version"])
 def test_leaves_import_no_stage(leaf: str) -> None:
     known = {name for name in imported_names(ROOT / "nebosvod" / f"{leaf}.py") if name.split(".")[1] != leaf}
     assert {".".join(name.split(".")[:2]) for name in known} <= {*LEAVES}

@@ -196,16 +196,6 @@ def _array(data: bytes) -> npt.NDArray[Any]:
     return array.copy()
 
 
-def changed_said(folder: Path) -> list[str]:
-    """A sentence for each file of a run that is not as the program wrote it."""
-    from nebosvod.results.ownership import ownership
-
-    owned = ownership(folder)
-    if owned is None:
-        return [f"{folder}: manifest.json lists no files, so a change of them would not be seen"]
-    return [f"{folder / name}: changed since the program wrote it (another sha256)" for name in owned.changed]
-
-
 def require_version(path: Path, summary: Mapping[str, Any], known: int) -> None:
     """Raise InputError unless a summary is of the schema this program reads."""
     version = summary.get("schema_version")

@@ -9,9 +9,10 @@ from nebosvod.commands.fit_answer import print_fit, print_line
 from nebosvod.errors import InputError, NebosvodError, notes_of
 from nebosvod.fits.suggestion import writable, write_suggestion
 from nebosvod.mission import FitMission, load_fit
-from nebosvod.mission.fields import slug
-from nebosvod.results.fit_outcome import every, fitted, mission_of, objects
-from nebosvod.results.result import RunFolder, json_text
+from nebosvod.mission.slugs import slug
+from nebosvod.pipeline import every, fitted, mission_of, objects
+from nebosvod.report.pages import report_text
+from nebosvod.results.result import OwnedFolder, json_text
 from nebosvod.scene.dates import chosen_dates
 from nebosvod.scene.scene import load_ephemeris
 
@@ -58,7 +59,7 @@ def fit_one(
     """Fit one object, write its folder, print the answer, write suggested settings; returns whether it failed."""
     if suggest is not None:
         writable(suggest, overwrite)
-    with RunFolder(folder, overwrite=overwrite) as target:
+    with OwnedFolder(folder, report_text, overwrite=overwrite) as target:
         say("reading the observations")
         (records,) = objects(mission, split=False)
         result, found = fitted(mission, records, load_ephemeris(mission), say, export=export)
@@ -84,7 +85,7 @@ def fit_every(
             click.echo("\n".join((f"{name}: {found}", *(f"notice: {note}" for note in notes_of(found)))), err=True)
             continue
         own = folder / slug(name, "object")
-        with RunFolder(own, overwrite=overwrite) as target:
+        with OwnedFolder(own, report_text, overwrite=overwrite) as target:
             target.publish(found)
         failed = failed or found.failed
         summaries.append(dict(found.summary))

@@ -9,9 +9,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from nebosvod.errors import counted
-
-UNITS = {"m_s": "m/s"}
-CRITERIA = {"a": "root trace", "d": "geometric mean of the semi-axes"}
+from nebosvod.planning.advice import CRITERIA, UNITS, advice, short_epoch
 
 
 def print_plan(found: Mapping[str, Any], console: Console | None = None) -> None:
@@ -30,22 +28,6 @@ def print_plan(found: Mapping[str, Any], console: Console | None = None) -> None
         out.print(f"warning: {escape(warning)}")
 
 
-def advice(found: Mapping[str, Any]) -> str:
-    """What to do, in one sentence, with what it brings against even spacing."""
-    which, unit = found["criterion"], UNITS.get(found["unit"], found["unit"])
-    best, greedy, even = found["windows"][0], found["greedy"][which], found["uniform"]
-    last, other = greedy[-1]["sigma_after"][which], even[-1]["sigma_after"][which]
-    less = f"{best['reduction_percent'][which]:.2g} % less"
-    said = f"measure next with {best['telescope']} at {best['epoch_tdb']}: {less}"
-    brings = f"{counted(len(greedy), 'visit')} chosen so {'brings' if len(greedy) == 1 else 'bring'} {last:.4g} {unit}"
-    return f"{said}; {brings}, as many at even times {other:.4g} {unit}"
-
-
-def _short(epoch: str) -> str:
-    """An epoch to the minute."""
-    return epoch[:16].replace("T", " ")
-
-
 def _table(title: str, left: tuple[str, ...], right: tuple[str, ...]) -> Table:
     table = Table(title=title, title_justify="left", title_style="", box=SIMPLE, pad_edge=False, padding=(0, 1, 0, 0))
     for heading in left:
@@ -62,10 +44,10 @@ def _windows(found: Mapping[str, Any], which: str, unit: str) -> Table:
         (f"sigma, {unit}", "less by", f"{unit}/h"),
     )
     for row in found["windows"]:
-        first, last = (_short(epoch)[5:] for epoch in row["window_tdb"])
+        first, last = (short_epoch(epoch)[5:] for epoch in row["window_tdb"])
         less, hourly = f"{row['reduction_percent'][which]:.2g} %", f"{row['reduction_per_hour']:.3g}"
         sigma = f"{row['sigma_after'][which]:.4g}"
-        table.add_row(escape(row["telescope"]), _short(row["epoch_tdb"]), first, last, sigma, less, hourly)
+        table.add_row(escape(row["telescope"]), short_epoch(row["epoch_tdb"]), first, last, sigma, less, hourly)
     return table
 
 
@@ -78,7 +60,7 @@ def _schedules(found: Mapping[str, Any], which: str, unit: str) -> Table:
         cells = [
             cell
             for row in (one, other)
-            for cell in (escape(row["telescope"]), _short(row["epoch_tdb"]), f"{row['sigma_after'][which]:.4g}")
+            for cell in (escape(row["telescope"]), short_epoch(row["epoch_tdb"]), f"{row['sigma_after'][which]:.4g}")
         ]
         table.add_row(str(number), *cells)
     return table

@@ -10,8 +10,7 @@ Data flow, for one linearisation at a `Point` (a value for every uncertain param
 Cost and memory are linear in the number of measurements.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -24,45 +23,13 @@ from nebosvod.observation import Common, Observation, Term, observe, residual
 from nebosvod.observation import Markov as MarkovTerm
 from nebosvod.observation.measurement.astrometry import ROW_FIELDS
 from nebosvod.observation.measurement.direction import offset
+from nebosvod.scene.point import Point, View
 from nebosvod.scene.prior import STATE_NAMES, PriorTable
 from nebosvod.scene.scene import Scene
 
 Array = npt.NDArray[np.float64]
 PIECE = 16_384  # epochs observed at a time
 SIMULATION_FIELDS = ("Phi_emission", "zeta_emission")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Point:
-    """Where the problem is linearised: the state (6,) and a value for every parameter and common nuisance."""
-
-    state: Array
-    parameters: Mapping[str, float]
-    nuisances: Mapping[str, float]
-
-    def moved(self, deviation: Mapping[str, float]) -> "Point":
-        """The point displaced by deviations of some of its values, by name."""
-        step = np.array([deviation.get(name, 0.0) for name in STATE_NAMES])
-        return Point(
-            state=self.state + step,
-            parameters={name: value + deviation.get(name, 0.0) for name, value in self.parameters.items()},
-            nuisances={name: value + deviation.get(name, 0.0) for name, value in self.nuisances.items()},
-        )
-
-    @property
-    def values(self) -> dict[str, float]:
-        """Every value by name."""
-        return {**dict(zip(STATE_NAMES, self.state.tolist())), **self.parameters, **self.nuisances}
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class View:
-    """What is computed at one point: the orbit, the measurements with partials, and what the nuisances do to them."""
-
-    point: Point
-    trajectory: Trajectory
-    observation: Observation
-    terms: tuple[Term, ...]
 
 
 def nominal_point(scene: Scene) -> Point:

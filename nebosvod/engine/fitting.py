@@ -9,12 +9,13 @@ import numpy as np
 import numpy.typing as npt
 
 from nebosvod.dynamics import Trajectory
-from nebosvod.engine.assembly import Point, View, linear_problem, mean_errors, view
+from nebosvod.engine.assembly import linear_problem, mean_errors, view
 from nebosvod.estimation import Estimate, History, IterationResult, LinearProblem, Status, gauss_newton
 from nebosvod.estimation.solvers import batch, recursive, separated, sequential
 from nebosvod.mission import Estimator
 from nebosvod.mission.request import OWN_GAIN
 from nebosvod.observation import Observation
+from nebosvod.scene.point import Point, View
 from nebosvod.scene.prior import PriorTable
 from nebosvod.scene.scene import Scene
 

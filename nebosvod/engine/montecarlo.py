@@ -1,8 +1,8 @@
 """Monte Carlo of a run: truths really drawn, measured, estimated again; the errors that K_true must describe.
 
 Run i draws from its own seed, so the result does not depend on how many there are; every estimator sees the same
-truths. Where the linear step would not do (`nebosvod.engine.trial.second_order`), each estimate is iterated from the prior to
-convergence on a propagated truth and judged by the covariance of its own linearisation.
+truths. Where the linear step would not do (`nebosvod.engine.trial.second_order`), each estimate is iterated from the
+prior to convergence on a propagated truth and judged by the covariance of its own linearisation.
 """
 
 import time
@@ -13,12 +13,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from nebosvod.engine.assembly import View, computed_psi
+from nebosvod.engine.assembly import computed_psi
 from nebosvod.engine.trial import LINEAR_SIGMA, Setting, generator, iterated, measured_truth, possible, second_order
 from nebosvod.estimation import Estimate
 from nebosvod.estimation.problem.square_root import lower_factor, solve_square
 from nebosvod.mission import Estimator
 from nebosvod.observation import residual
+from nebosvod.scene.point import View
 from nebosvod.scene.prior import STATE_NAMES, PriorTable
 from nebosvod.scene.scene import Scene
 

@@ -18,7 +18,6 @@ from nebosvod.estimation import Estimate
 from nebosvod.estimation.accuracy import ellipse
 from nebosvod.estimation.accuracy.formed import matrices
 from nebosvod.estimation.accuracy.inside import inside_disc
-from nebosvod.findings.outlook import ANSWERED
 from nebosvod.mission.request import EncounterPrediction, Prediction, SkyPrediction, StatePrediction
 from nebosvod.observation import observe
 from nebosvod.scene.prior import STATE_NAMES
@@ -28,6 +27,7 @@ from nebosvod.timescale import Epoch, Scale
 Array = npt.NDArray[np.float64]
 ARCSEC = np.pi / (180.0 * 3600.0)
 M_PER_KM = 1000.0
+ANSWERED = "answered"  # status of a prediction that exists
 SIGMAS = 3.0
 INSIDE = (0.5, 0.9, 0.99)
 

@@ -2,8 +2,9 @@
 
 There are two ways to make one. Linear: the orbit of the truth is linear about the reference (by Phi and zeta), the
 measurement is not (direction and light time are computed in full), and one factorisation at the reference serves every
-truth (`nebosvod.estimation.accuracy.repeated`). Iterated: the truth is propagated with its own parameters and estimated from the
-prior to convergence, with the covariances of its own linearisation. `second_order` says whether the first will do.
+truth (`nebosvod.estimation.accuracy.repeated`). Iterated: the truth is propagated with its own parameters and estimated
+from the prior to convergence, with the covariances of its own linearisation. `second_order` says whether the first will
+do.
 """
 
 from collections.abc import Mapping, Sequence
@@ -12,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from nebosvod.engine.assembly import View, computed_psi, linear_problem, mean_errors, nominal_point, view
+from nebosvod.engine.assembly import computed_psi, linear_problem, mean_errors, nominal_point, view
 from nebosvod.engine.fitting import SOLVERS, converge
 from nebosvod.engine.truth import Truth, draw
 from nebosvod.errors import CoverageError, EventError, InputError
@@ -23,6 +24,7 @@ from nebosvod.estimation.solvers.iteration import recentred, step_length
 from nebosvod.mission import Estimator, Mission
 from nebosvod.mission.request import OWN_GAIN
 from nebosvod.observation import Common, draw_noise, draw_truth, measure, residual
+from nebosvod.scene.point import View
 from nebosvod.scene.prior import STATE_NAMES, PriorTable, prior_table
 from nebosvod.scene.scene import Scene, build_scene
 

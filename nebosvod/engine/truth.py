@@ -6,8 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from nebosvod.engine.assembly import Point, nominal_point, view
+from nebosvod.engine.assembly import nominal_point, view
 from nebosvod.observation import draw_noise, draw_truth, measure
+from nebosvod.scene.point import Point
 from nebosvod.scene.prior import PriorTable
 from nebosvod.scene.scene import Scene
 

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from nebosvod.engine.assembly import View
 from nebosvod.engine.fitting import Fit
 from nebosvod.engine.montecarlo import Sample
 from nebosvod.engine.quantity import Quantity, known_partials, prediction_row
@@ -24,7 +23,8 @@ from nebosvod.findings.nonlinearity import clones, impact_share, nonlinearity, s
 from nebosvod.findings.ratio import ratio
 from nebosvod.findings.required import required
 from nebosvod.mission.reading.cost import CLONES_MOST
-from nebosvod.results.folder import slug
+from nebosvod.mission.slugs import array_name
+from nebosvod.scene.point import View
 from nebosvod.scene.scene import Scene
 
 Array = npt.NDArray[np.float64]
@@ -103,7 +103,7 @@ def _drawn(
         row["monte_carlo"] = spread_of(one, found, fit.estimate.predict(W, names).factor, fit.mean_error(W, names))
         if "impact_probability_linear" in row:
             row["impact_probability_monte_carlo"] = impact_share(fate)
-    return {f"clones_{slug(one.request.name)}_{one.unit}": found for one, found in zip(asked, points)}
+    return {f"clones_{array_name(one.request.name)}_{one.unit}": found for one, found in zip(asked, points)}
 
 
 def _prediction_rows(

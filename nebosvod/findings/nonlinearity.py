@@ -18,7 +18,6 @@ import numpy.typing as npt
 
 from nebosvod.dynamics import Trajectory
 from nebosvod.dynamics.impact import impact
-from nebosvod.engine.assembly import Point
 from nebosvod.engine.entry import ground_displacement
 from nebosvod.engine.fitting import Fit
 from nebosvod.engine.quantity import ARCSEC, M_PER_KM, SIGMAS, Quantity, known_partials, quantity
@@ -26,6 +25,7 @@ from nebosvod.errors import EventError, ImpactError, InputError, NoAnswerError
 from nebosvod.estimation import Estimate
 from nebosvod.estimation.accuracy import ellipse
 from nebosvod.estimation.accuracy.consistency import binomial_interval
+from nebosvod.scene.point import Point
 from nebosvod.scene.prior import STATE_NAMES
 from nebosvod.scene.scene import Scene
 

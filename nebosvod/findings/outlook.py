@@ -6,10 +6,10 @@ Rows of `predictions` -> rows of `impacts` and sentences, the same for runs and 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
+from nebosvod.engine.quantity import ANSWERED
 from nebosvod.timescale import SECONDS_PER_DAY, Epoch
 
 Row = Mapping[str, Any]
-ANSWERED = "answered"
 LEAST = 1e-6  # a chance of impact smaller than this is not spoken of, unless a drawn orbit hits
 FROM_IMPACT = (
     "impact_longitude_deg",

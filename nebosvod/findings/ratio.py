@@ -10,10 +10,10 @@ from typing import Any, cast
 import numpy as np
 import numpy.typing as npt
 
-from nebosvod.engine.assembly import View
 from nebosvod.estimation import LinearProblem
 from nebosvod.estimation.accuracy.budget import NoiseToNuisance, critical_sigma, noise_to_nuisance
 from nebosvod.mission.request import NuisanceGroup
+from nebosvod.scene.point import View
 from nebosvod.scene.scene import Scene
 
 Array = npt.NDArray[np.float64]

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nebosvod.dynamics import ForceModel, propagate
-from nebosvod.engine.assembly import Point, View, linear_problem, mean_errors
+from nebosvod.engine.assembly import linear_problem, mean_errors
 from nebosvod.engine.fitting import Fit, taken
 from nebosvod.errors import CoverageError, EventError
 from nebosvod.estimation import Estimate, LinearProblem, gauss_newton
@@ -23,6 +23,7 @@ from nebosvod.mission import FitMission
 from nebosvod.observation import Common, Markov, White
 from nebosvod.observation.measurement.exposures import Look, Sky, look
 from nebosvod.scene.material import Material
+from nebosvod.scene.point import Point, View
 from nebosvod.scene.prior import PriorTable
 from nebosvod.scene.recorded import STATED, scene_of, view_of
 from nebosvod.scene.scene import Scene

@@ -15,8 +15,8 @@ from nebosvod.estimation.accuracy.formed import matrices
 from nebosvod.mission import FitMission
 from nebosvod.mission.fit import Reference
 from nebosvod.mission.orbit import SbdbOrbit
+from nebosvod.mission.state import orbit_state, to_icrf
 from nebosvod.scene.prior import STATE_NAMES
-from nebosvod.scene.scene import orbit_state, to_icrf
 from nebosvod.timescale import SECONDS_PER_DAY, Epoch
 from nebosvod.units import AU_KM, DEG
 

@@ -13,7 +13,7 @@ from nebosvod.fits.leading import Led
 from nebosvod.fits.missing_force import foremost
 from nebosvod.fits.shared_errors import ARCSEC, SharedError
 from nebosvod.mission import FitMission
-from nebosvod.mission.fields import slug
+from nebosvod.mission.slugs import slug
 from nebosvod.timescale import SECONDS_PER_DAY, Epoch
 
 WIDER = 2.0  # prior sigma against the size that was found: it must not lead

@@ -222,12 +222,6 @@ Text = Annotated[
 ]
 
 
-def slug(text: str, fallback: str = "mission") -> str:
-    """Text turned into a safe file name: letters, digits, dot, dash and underscore; at most 60 of them."""
-    safe = "".join(letter if letter.isalnum() or letter in "._-" else "-" for letter in text)
-    return safe.strip("-.")[:60].strip("-.") or fallback
-
-
 class Uncertain(Block):
     """A value, how uncertain it is, and what an estimator does about it. A bare value is fixed."""
 

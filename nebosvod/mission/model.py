@@ -16,7 +16,7 @@ from pydantic import Discriminator, Field, PrivateAttr, Tag, ValidationError
 from nebosvod.errors import InputError
 from nebosvod.mission.covariance import NONGRAV_SCALE, Array
 from nebosvod.mission.editing import as_text, as_tree, edited
-from nebosvod.mission.fields import Block, Several, Text, Treatment, When, slug
+from nebosvod.mission.fields import Block, Several, Text, Treatment, When
 from nebosvod.mission.orbit import Representation, SbdbOrbit
 from nebosvod.mission.request import (
     Arc,
@@ -29,10 +29,11 @@ from nebosvod.mission.request import (
     ReportPlan,
     internal_covariance,
 )
+from nebosvod.mission.slugs import slug
 from nebosvod.mission.sources import Shared, Source, sources
 from nebosvod.mission.target import Parameter, Target
-from nebosvod.mission.telescope import MAX_TELESCOPES, Telescope
-from nebosvod.mission.yaml.inherit import resolve_like
+from nebosvod.mission.telescope import Telescope
+from nebosvod.mission.yaml.inherit import MAX_TELESCOPES, resolve_like
 from nebosvod.mission.yaml.yamlfile import parse_yaml, shown
 from nebosvod.timescale import Epoch
 

@@ -23,7 +23,7 @@ from nebosvod.mission.fields import (
     When,
 )
 from nebosvod.mission.orbit import Frame
-from nebosvod.mission.telescope import MAX_TELESCOPES
+from nebosvod.mission.yaml.inherit import MAX_TELESCOPES
 from nebosvod.timescale import Epoch
 
 Method = Literal["batch_qr", "batch_blocks", "batch_identity", "recursive", "two_stage", "schmidt", "as_printed"]

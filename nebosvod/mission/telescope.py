@@ -19,7 +19,6 @@ from nebosvod.mission.fields import (
 from nebosvod.mission.spacecraft import Ground, TelescopeOrbit
 from nebosvod.mission.uncertainty import Bias, Pair, Position, Timing, one_or_pair
 
-MAX_TELESCOPES = 100
 NAUTICAL_TWILIGHT = -12.0 / 57.29577951308232  # rad, altitude of the Sun at its end
 LEAST_ALTITUDE = 20.0 / 57.29577951308232  # rad, 2.9 air masses
 

@@ -8,6 +8,7 @@ from markupsafe import Markup
 
 from nebosvod.errors import listed
 from nebosvod.estimation.accuracy.formed import matrix_of
+from nebosvod.mission.slugs import array_name
 from nebosvod.report.kit import wording
 from nebosvod.report.kit.base import render
 from nebosvod.report.kit.chart import Chart
@@ -18,7 +19,6 @@ from nebosvod.report.kit.wording import NBSP, TIMES, join, percent, product, qua
 from nebosvod.report.run.ellipses import LEFT, ROOM, SIDE, outline
 from nebosvod.report.run.tables import Cell, Table
 from nebosvod.results.compare import shown_budget
-from nebosvod.results.folder import slug
 
 Item = Mapping[str, Any]
 LEVEL = 3.0
@@ -66,7 +66,7 @@ def ellipse_plate(row: Item, labels: Sequence[str]) -> Plate:
     factor, text = wording.scale_of(reach, unit)
     x, y = (linear([-factor * reach, factor * reach], f"Δ {name}, {text}", pad=0.0) for name in names)
     x = x.reversed() if row["plane"] == "sky" else x
-    key = "overlay-" + slug(row["name"]).replace("_", "-")
+    key = "overlay-" + array_name(row["name"]).replace("_", "-")
     chart = Chart(key, width=LEFT + SIDE + 6.0, height=SIDE + 84.0)
     panel = chart.panel(x, y, top=8.0, bottom=8.0 + SIDE, left=LEFT, right=LEFT + SIDE)
     panel.open()

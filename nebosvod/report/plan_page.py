@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from nebosvod.commands.plan_answer import CRITERIA, advice
+from nebosvod.planning.advice import CRITERIA, advice
 from nebosvod.report.kit import wording
 from nebosvod.report.kit.base import render
 from nebosvod.report.kit.chart import Chart

@@ -15,8 +15,8 @@ import numpy as np
 
 from nebosvod.borders.stored import held_together, read_object
 from nebosvod.errors import InputError
+from nebosvod.findings.kinds import kind_of
 from nebosvod.findings.outlook import answered, without_answer
-from nebosvod.report.kit.facts import kind_of
 from nebosvod.results.folder import require_sound_summary
 from nebosvod.results.result import require_run_folder
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from nebosvod.errors import counted
-from nebosvod.report.kit.facts import kind_of
+from nebosvod.findings.kinds import kind_of
 
 Item = Mapping[str, Any]
 

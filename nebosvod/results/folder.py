@@ -1,6 +1,5 @@
 """A run folder as the report reads it: manifest, summary, arrays."""
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,13 +12,14 @@ from nebosvod.borders.shape import require_shape, schema_file
 from nebosvod.borders.stored import read_arrays, read_object, require_version
 from nebosvod.errors import InputError
 from nebosvod.findings.outlook import answered, impact_sentences, unanswered_sentences
+from nebosvod.mission.slugs import array_name
 from nebosvod.timescale import Epoch
 
 Array = npt.NDArray[np.float64]
 Item = Mapping[str, Any]
 SCHEMA_VERSION = 1
 HERE = Path(__file__).parent
-SCHEMAS = (HERE / "summary.schema.json", HERE.parent / "fit" / "summary.schema.json")  # of a run, of a fit
+SCHEMAS = (HERE / "summary.schema.json", HERE / "fit_summary.schema.json")  # of a run, of a fit
 REQUIRED = ("mission", "object", "reference_epoch_tdb", "n_observations", "telescopes", "estimators")
 
 
@@ -64,7 +64,7 @@ class RunFolder:
         if of is None:
             return self.arrays.get(name)
         found = self.arrays.get(f"{name}_{of}")
-        return found if found is not None else self.arrays.get(f"{name}_{slug(of)}")
+        return found if found is not None else self.arrays.get(f"{name}_{array_name(of)}")
 
     def predictions(self, estimator: str | None = None) -> list[Item]:
         """The predictions that exist for their orbit, of one estimator if named."""
@@ -85,11 +85,6 @@ class RunFolder:
         """Sources of one estimator's budget, largest share of the position variance first."""
         rows = [row for row in self.summary.get("budget") or [] if row["estimator"] == estimator]
         return sorted(rows, key=lambda row: (-row["share_position"], row["source"]))
-
-
-def slug(name: str) -> str:
-    """A name as a file or array name: lower case, runs of anything but letters and digits become one underscore."""
-    return re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
 
 
 def read_folder(path: Path) -> RunFolder:

@@ -105,3 +105,11 @@ def sha256_of(path: Path) -> str:
     """Hex digest of a file."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def changed_said(folder: Path) -> list[str]:
+    """A sentence for each file of a run that is not as the program wrote it."""
+    owned = ownership(folder)
+    if owned is None:
+        return [f"{folder}: manifest.json lists no files, so a change of them would not be seen"]
+    return [f"{folder / name}: changed since the program wrote it (another sha256)" for name in owned.changed]

@@ -19,15 +19,17 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from nebosvod.borders.stored import changed_said, held_together, read_arrays, read_object
+from nebosvod.borders.stored import held_together, read_arrays, read_object
 from nebosvod.borders.wholefile import reason, refuse_link, require_place, write_whole
 from nebosvod.errors import InputError, OutputError, listed
 from nebosvod.findings.outlook import without_answer
 from nebosvod.results.lock import Lock
-from nebosvod.results.ownership import OURS, RECORD, Ownership, hashes_of, marked, ownership, sha256_of
+from nebosvod.results.ownership import OURS, RECORD, Ownership, changed_said, hashes_of, marked, ownership, sha256_of
 from nebosvod.results.publication import discard, new_stage, publish, recover
 from nebosvod.results.recognise import not_a_run, read_json
 
+Page = Callable[[Path], str]  # the text of report.html, from the folder of a run
+Printer = Callable[[Path, Path], None]  # a page to a PDF
 FAILED_STATUSES = ("iteration_limit", "not_observable", "diverged")
 
 
@@ -104,12 +106,13 @@ def require_run_folder(path: Path) -> None:
         raise InputError(f"{path}: {why}")
 
 
-class RunFolder:
+class OwnedFolder:
     """Owner of one run folder while a run is made: takes the lock, publishes whole results.
 
     Parameters
     ----------
     folder : where the run shall stand.
+    page : makes the report of what is published.
     overwrite : replace an earlier *run* there, by its list of files; anything else in the way is refused or stays.
 
     Raises
@@ -118,11 +121,12 @@ class RunFolder:
         When another run holds the folder, it exists, it is a symbolic link, or the place cannot be written.
     """
 
-    def __init__(self, folder: Path, *, overwrite: bool = False) -> None:
+    def __init__(self, folder: Path, page: Page, *, overwrite: bool = False) -> None:
         self.folder, self.shown, self._overwrite = Path(os.path.abspath(folder)), folder, overwrite
+        self._page = page
         self._lock = Lock(self.folder, folder, "another run")
 
-    def __enter__(self) -> "RunFolder":
+    def __enter__(self) -> "OwnedFolder":
         try:
             if self.folder.is_symlink():
                 refuse_link(self.shown, self.folder.lstat().st_mode)
@@ -150,7 +154,7 @@ class RunFolder:
         stage = None
         try:
             stage = new_stage(self.folder)
-            write_files(stage, result)
+            write_files(stage, result, self._page)
             if os.path.lexists(self.folder):  # it may have changed while the run was made
                 self._refuse_what_is_in_the_way()
             publish(stage, self.folder)
@@ -193,7 +197,7 @@ def _taken(name: str) -> bool:
     return (name != "report.pdf" and any(OURS.fullmatch(path) for path in paths)) or name == "tables"
 
 
-def write_files(folder: Path, result: Result) -> None:
+def write_files(folder: Path, result: Result, page: Page) -> None:
     """Write every file of a run into an empty folder: their list first, the report from the files, the list again."""
     files = {f"tables/{name}.ecsv": ecsv_text(table).encode("utf-8") for name, table in result.tables.items()}
     files |= {"summary.json": result.summary_text().encode("utf-8"), "arrays.npz": npz_bytes(result.arrays)}
@@ -203,27 +207,20 @@ def write_files(folder: Path, result: Result) -> None:
     (folder / "tables").mkdir()
     for name, data in files.items():
         (folder / name).write_bytes(data)
-    report = report_text(folder).encode("utf-8")
+    report = page(folder).encode("utf-8")
     (folder / "report.html").write_bytes(report)
     _write_manifest(folder, result.manifest, {**hashes, "report.html": hashlib.sha256(report).hexdigest()})
 
 
-def report_text(folder: Path) -> str:
-    """The report of a run folder, by what kind of run it is."""
-    if read_json(folder / "summary.json").get("kind") == "fit":
-        from nebosvod.report.fit.page import make_fit_report
-
-        return make_fit_report(folder)
-    from nebosvod.report.run.page import make_report
-
-    return make_report(folder)
-
-
-def rewrite_report(folder: Path, *, pdf: bool = False, say: Callable[[str], None] = lambda message: None) -> Path:
-    """Make report.html (and report.pdf) anew from the files of a run; returns the path of the page.
+def rewrite_report(
+    folder: Path, page: Page, *, printer: Printer | None = None, say: Callable[[str], None] = lambda message: None
+) -> Path:
+    """Make report.html (and with a printer report.pdf) anew from the files of a run; returns the path of the page.
 
     Parameters
     ----------
+    page : the text of report.html from the folder.
+    printer : makes report.pdf from report.html.
     say : called with a sentence for each file that was changed since it was written.
 
     Raises
@@ -241,7 +238,7 @@ def rewrite_report(folder: Path, *, pdf: bool = False, say: Callable[[str], None
     place = Path(os.path.realpath(folder))
     with Lock(place, folder, "another run"):
         owned = ownership(place)
-        pages = ["report.html", *(["report.pdf"] if pdf else [])]
+        pages = ["report.html", *(["report.pdf"] if printer else [])]
         for name in pages:
             require_place(place / name)
             if os.path.lexists(place / name) and (owned is None or name not in owned.listed):
@@ -251,12 +248,10 @@ def rewrite_report(folder: Path, *, pdf: bool = False, say: Callable[[str], None
             say(sentence)
         require_sound_summary(folder)
         with held_together(str(folder)):
-            text = report_text(folder).encode("utf-8")
+            text = page(folder).encode("utf-8")
         write_whole(place / "report.html", text)
-        if pdf:
-            from nebosvod.report.kit.pdf import print_pdf
-
-            print_pdf(place / "report.html", place / "report.pdf")
+        if printer:
+            printer(place / "report.html", place / "report.pdf")
         record = read_json(place / RECORD)
         if owned is not None:
             made = {name: sha256_of(place / name) for name in pages}

@@ -6,15 +6,15 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from nebosvod.engine.assembly import View
 from nebosvod.engine.fitting import Fit
 from nebosvod.engine.quantity import ARCSEC
 from nebosvod.findings.assessment import Findings
 from nebosvod.findings.blame import REMEDIES, UNKNOWN
 from nebosvod.findings.outlook import answered
+from nebosvod.mission.slugs import array_name
 from nebosvod.observation import Common, residual
-from nebosvod.results.folder import slug
 from nebosvod.results.result import Table
+from nebosvod.scene.point import View
 from nebosvod.scene.prior import STATE_NAMES
 from nebosvod.scene.scene import Scene
 
@@ -61,7 +61,7 @@ def all_arrays(scene: Scene, nominal: View, fits: Sequence[Fit], psi: Array) -> 
 
 def _estimator_arrays(one: Fit) -> Arrays:
     """Factor, names, residuals after the fit and sigma history of one estimator."""
-    name = slug(one.estimator.name)
+    name = array_name(one.estimator.name)
     arrays: Arrays = {
         f"factor_{name}": one.estimate.S_true,
         f"names_{name}": np.array(one.estimate.names),
@@ -100,7 +100,7 @@ def all_tables(scene: Scene, nominal: View, fits: Sequence[Fit], psi: Array, fin
         )
     for one in found:
         if one.history is not None:
-            tables[f"sigma_history_{slug(one.estimator.name)}"] = _history(one)
+            tables[f"sigma_history_{array_name(one.estimator.name)}"] = _history(one)
     rows = [_flat(row) for row in answered(findings.predictions)]
     if rows:
         tables["predictions"] = _rows_table(rows, {}, "Predicted quantities, one component a row, 1 sigma")
@@ -176,7 +176,7 @@ def _residuals(nominal: View, fits: Sequence[Fit], psi: Array) -> Table:
     columns: Arrays = {"t": seen.t_s, "ra_before": before[:, 0], "dec_before": before[:, 1]}
     for one in fits:
         after = one.estimate.residual_after / ARCSEC
-        name = slug(one.estimator.name)
+        name = array_name(one.estimator.name)
         columns |= {f"ra_{name}": after[:, 0], f"dec_{name}": after[:, 1]}
     units = dict.fromkeys(columns, "arcsec") | {"t": "s"}
     return Table(columns=columns, units=units, description="Residuals, RA times cos Dec and Dec, before and after")

@@ -20,8 +20,8 @@ from nebosvod.mission import Mission
 from nebosvod.mission.model import CovariancePrior
 from nebosvod.mission.reading.places import asking
 from nebosvod.mission.request import Prior as PriorBlock
+from nebosvod.mission.state import orbit_state, to_icrf
 from nebosvod.mission.target import Parameter
-from nebosvod.scene.scene import orbit_state, to_icrf
 
 Array = npt.NDArray[np.float64]
 STATE_NAMES = ("x_km", "y_km", "z_km", "vx_km_s", "vy_km_s", "vz_km_s")

@@ -11,7 +11,6 @@ import numpy.typing as npt
 
 from nebosvod.dynamics import ForceModel, Trajectory
 from nebosvod.dynamics.impact import follow
-from nebosvod.engine.assembly import Point, View
 from nebosvod.errors import InputError
 from nebosvod.mission import FitMission, Position, SkyPrediction, Source
 from nebosvod.observation import Nuisance, Observation, Telescope, ZoneBias
@@ -22,6 +21,7 @@ from nebosvod.observation.measurement.exposures import Look
 from nebosvod.observation.uncertainty.term import Treatment, White
 from nebosvod.scene.instruments import nuisance
 from nebosvod.scene.material import Material, carrier_of
+from nebosvod.scene.point import Point, View
 from nebosvod.scene.scene import MARGIN_S, Scene, covered, times_of
 
 Array = npt.NDArray[np.float64]

@@ -11,14 +11,13 @@ import numpy.typing as npt
 
 from nebosvod.dynamics import Ephemeris, ForceModel, Nongrav, RadiationPressure, Trajectory
 from nebosvod.dynamics.constants import RADIUS_KM
-from nebosvod.dynamics.elements import cometary_to_state, equinoctial_to_state, keplerian_to_state
-from nebosvod.dynamics.frames import R_icrf_from_ecliptic
 from nebosvod.dynamics.impact import carry, follow
 from nebosvod.errors import CoverageError, GeometryError, InputError
 from nebosvod.mission import Mission, Source
 from nebosvod.mission.reading.places import asking, place
 from nebosvod.mission.request import Prediction
 from nebosvod.mission.spacecraft import OemFile, Spk, Tabulated
+from nebosvod.mission.state import orbit_state
 from nebosvod.mission.target import LOGARITHMS
 from nebosvod.observation import Nuisance, Telescope, Visibility, ZoneBias, visibility
 from nebosvod.scene.instruments import nuisance, telescopes
@@ -233,27 +232,6 @@ def force_model(mission: Mission, ephemeris: Ephemeris) -> ForceModel:
         nongrav=Nongrav(**nongrav, **mission.object.nongrav_law) if nongrav else None,
         parameters=free,
     )
-
-
-def orbit_state(mission: Mission, gm_sun_km3_s2: float) -> Array:
-    """Heliocentric ICRF state (6,) at the epoch of the orbit."""
-    orbit = mission.object.orbit
-    elements = np.array(orbit.elements)
-    if orbit.representation == "state":
-        state = elements
-    else:
-        convert = {
-            "cometary": cometary_to_state,
-            "keplerian": keplerian_to_state,
-            "equinoctial": equinoctial_to_state,
-        }[orbit.representation]
-        state = convert(elements, gm_sun_km3_s2)[0]
-    return to_icrf(state) if orbit.frame == "ecliptic_j2000" else state
-
-
-def to_icrf(state: Array) -> Array:
-    """A state, or the columns (6, k) of its partials, from the ecliptic of J2000 to ICRF axes."""
-    return np.concatenate([R_icrf_from_ecliptic @ state[:3], R_icrf_from_ecliptic @ state[3:]])
 
 
 def reference_state(mission: Mission, forces: ForceModel) -> Array:

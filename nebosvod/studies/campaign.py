@@ -18,7 +18,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from nebosvod import __version__
 from nebosvod.borders.wholefile import FRESH, reason, refuse_link, require_place, write_whole
 from nebosvod.engine.assembly import computed_psi
 from nebosvod.engine.trial import Estimating, Setting, generator, iterated, measured_truth, possible
@@ -30,6 +29,7 @@ from nebosvod.results.lock import Lock
 from nebosvod.results.ownership import MARK, files_in, is_regular, marked, sha256_of
 from nebosvod.results.recognise import is_validation, read_json
 from nebosvod.studies.chunk import CHUNKS, KEPT, chunk_path, read_chunk, write_chunk
+from nebosvod.version import __version__
 
 Array = npt.NDArray[np.float64]
 RECORD, RESULT = "campaign.json", "validation.json"

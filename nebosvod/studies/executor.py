@@ -23,7 +23,10 @@ from nebosvod.errors import NebosvodError
 
 ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 NAME_FILES = ("NEBOSVOD_EPHEMERIS", "NUMBA_CACHE_DIR")
-BEGIN = "import runpy, sys; sys.path.append(sys.argv[1]); runpy.run_module('nebosvod.studies.executor', run_name='__main__')"
+BEGIN = (
+    "import runpy, sys; sys.path.append(sys.argv[1]); "
+    "runpy.run_module('nebosvod.studies.executor', run_name='__main__')"
+)
 Reply = tuple[int, Any] | Exception | None
 
 
@@ -86,7 +89,7 @@ def _start(folder: str) -> "subprocess.Popen[str]":
     place of this package comes last on its path, for a checkout that is not installed.
     """
     return subprocess.Popen(
-        [sys.executable, "-P", "-c", BEGIN, str(Path(__file__).resolve().parent.parent)],
+        [sys.executable, "-P", "-c", BEGIN, str(Path(__file__).resolve().parents[2])],
         cwd=folder,
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,

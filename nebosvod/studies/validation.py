@@ -4,7 +4,8 @@ linear mode: the orbit of each truth is linear about the reference orbit (Phi, z
 geometry, and estimated in one step with the partials of the reference orbit; judged by the covariance there.
 full mode: each truth is propagated with its own parameters, estimated by Gauss-Newton from the reference orbit to
 convergence, and judged by the covariance its own estimate reports. A covariance that is right must pass both; the
-first serves where the second-order terms are small (`nebosvod.engine.trial.second_order`), and is not used where they are not.
+first serves where the second-order terms are small (`nebosvod.engine.trial.second_order`), and is not used where they
+are not.
 """
 
 import os
@@ -16,7 +17,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from nebosvod import __version__
 from nebosvod.borders.wholefile import refuse_link
 from nebosvod.engine.trial import LINEAR_SIGMA, Estimating, Setting, second_order
 from nebosvod.errors import GeometryError, InputError
@@ -32,6 +32,7 @@ from nebosvod.scene.prior import STATE_NAMES
 from nebosvod.studies.campaign import NIS_ROWS, Campaign, CampaignFolder
 from nebosvod.studies.executor import run_tasks
 from nebosvod.studies.trust import Claim, Direction, judge
+from nebosvod.version import __version__
 
 Array = npt.NDArray[np.float64]
 SCHEMA_VERSION = 1

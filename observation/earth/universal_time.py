@@ -8,8 +8,7 @@ times 20 km. At 1960-01-01 it meets the leap-second table (UTC was then steered 
 import erfa
 import numpy as np
 
-from nebosvod.observation.contracts import Array
-from nebosvod.observation.formats.records import Flags, Rows, Texts
+from nebosvod.observation.contracts import Array, Flags, Rows, Texts
 from nebosvod.timescale import SECONDS_PER_DAY, Epoch, tdb_from_utc
 
 FIRST_YEAR, LAST_YEAR = 1800, 2199

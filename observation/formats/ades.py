@@ -11,7 +11,7 @@ from types import MappingProxyType
 import erfa
 import numpy as np
 
-from nebosvod.observation.contracts import Array
+from nebosvod.observation.contracts import Array, Texts
 from nebosvod.observation.earth import obscodes
 from nebosvod.observation.earth.universal_time import FIRST_YEAR, LAST_YEAR, month_days, tdb_times
 from nebosvod.observation.formats.ades_cells import Cells
@@ -29,7 +29,7 @@ from nebosvod.observation.formats.designations import (
     kind,
 )
 from nebosvod.observation.formats.object_names import exercises, names_of, other_names
-from nebosvod.observation.formats.records import Astrometry, Texts, told, without_repeats
+from nebosvod.observation.formats.records import Astrometry, told, without_repeats
 from nebosvod.observation.formats.source_file import read_source
 from nebosvod.timescale import Epoch
 

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nebosvod.observation.contracts import Array
-from nebosvod.observation.formats.records import Rows
+from nebosvod.observation.contracts import Array, Rows
 from nebosvod.observation.formats.source_file import SourceFile, printable
 
 DECIMAL = re.compile(r"[+-]?(?:\d{1,30}\.?\d{0,30}|\.\d{1,30})", re.ASCII)

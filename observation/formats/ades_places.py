@@ -6,11 +6,10 @@ import erfa
 import numpy as np
 
 from nebosvod.dynamics.constants import AU_KM
-from nebosvod.observation.contracts import Array
+from nebosvod.observation.contracts import Array, Flags, Texts
 from nebosvod.observation.earth import obscodes
 from nebosvod.observation.formats.ades_cells import Cells
 from nebosvod.observation.formats.mpc80_places import GREATEST_KM, NEAREST_KM
-from nebosvod.observation.formats.records import Flags, Texts
 
 INERTIAL = {"ICRF_KM": 1.0, "ICRF_AU": AU_KM}  # km in one unit
 GROUND = ("WGS84", "ITRF")

@@ -8,9 +8,9 @@ import erfa
 import numpy as np
 
 from nebosvod.errors import InputError
-from nebosvod.observation.contracts import Array
+from nebosvod.observation.contracts import Array, Flags
 from nebosvod.observation.formats.designations import kind
-from nebosvod.observation.formats.records import Astrometry, Flags
+from nebosvod.observation.formats.records import Astrometry
 
 CENTRES = {"earth": "399", "sun": "10", "ssb": "0"}
 # the order that the schema prescribes

@@ -13,7 +13,7 @@ from types import MappingProxyType
 import numpy as np
 
 from nebosvod.errors import counted
-from nebosvod.observation.contracts import Array
+from nebosvod.observation.contracts import Array, Rows, Texts
 from nebosvod.observation.earth import obscodes
 from nebosvod.observation.earth.earth_orientation import table_span
 from nebosvod.observation.earth.universal_time import FIRST_YEAR, LAST_YEAR, iso, month_days, tdb_times
@@ -24,7 +24,7 @@ from nebosvod.observation.formats.mpc80_columns import BLANK, MINUS, PLUS, decim
 from nebosvod.observation.formats.mpc80_lines import RecordLines, record_lines
 from nebosvod.observation.formats.mpc80_places import positions
 from nebosvod.observation.formats.object_names import exercises, names_of, other_names
-from nebosvod.observation.formats.records import Astrometry, Rows, Texts, told, without_repeats
+from nebosvod.observation.formats.records import Astrometry, told, without_repeats
 from nebosvod.observation.formats.source_file import SourceFile, read_source
 from nebosvod.timescale import Epoch
 

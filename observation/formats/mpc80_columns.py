@@ -3,8 +3,7 @@
 import numpy as np
 import numpy.typing as npt
 
-from nebosvod.observation.contracts import Array
-from nebosvod.observation.formats.records import Flags, Rows
+from nebosvod.observation.contracts import Array, Flags, Rows
 
 Columns = npt.NDArray[np.uint8]
 WIDTH = 80

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from nebosvod.observation.contracts import Flags, Rows
 from nebosvod.observation.formats import mpc80_codes
 from nebosvod.observation.formats.mpc80_columns import BLANK, WIDTH, Columns, lines_of
-from nebosvod.observation.formats.records import Flags, Rows
 from nebosvod.observation.formats.source_file import SourceFile
 
 CODE = np.frombuffer(b"COD ", dtype=np.uint8)  # the header line that names the observatory

@@ -6,10 +6,9 @@ import erfa
 import numpy as np
 
 from nebosvod.dynamics.constants import AU_KM
-from nebosvod.observation.contracts import Array
+from nebosvod.observation.contracts import Array, Flags, Texts
 from nebosvod.observation.earth import obscodes
 from nebosvod.observation.formats.mpc80_lines import RecordLines
-from nebosvod.observation.formats.records import Flags, Texts
 
 SIGNED = re.compile(r" *([+-]?) *(\d+\.?\d*|\.\d+) *")
 NEAREST_KM, GREATEST_KM = 6300.0, 1e11  # at the ground; 670 au

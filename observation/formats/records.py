@@ -8,19 +8,15 @@ from dataclasses import dataclass, field, fields, replace
 from types import MappingProxyType
 
 import numpy as np
-import numpy.typing as npt
 
 from nebosvod.borders.quantities import bordered
 from nebosvod.errors import InputError
-from nebosvod.observation.contracts import Array
+from nebosvod.observation.contracts import Array, Flags, Rows, Texts
 from nebosvod.observation.formats import repeats
 from nebosvod.observation.formats.designations import kind, stem_of
 from nebosvod.observation.formats.object_names import merged, readings, united
 from nebosvod.timescale import Epoch
 
-Texts = npt.NDArray[np.str_]
-Rows = npt.NDArray[np.int64]
-Flags = npt.NDArray[np.bool_]
 LISTED = 20  # objects named in a message
 
 

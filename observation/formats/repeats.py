@@ -3,12 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from nebosvod.observation.contracts import Array
+from nebosvod.observation.contracts import Array, Rows, Texts
 
-Rows = npt.NDArray[np.int64]
-Texts = npt.NDArray[np.str_]
 SLACK = 1.001  # of the last digit, for round-off
 SAME_PLACE_KM = 5.0  # of a spacecraft by two formats: 80 columns hold 1e-8 au, 1.5 km
 

@@ -6,12 +6,10 @@ stays where it is while the light travels: 0.01 arcsec.
 """
 
 import numpy as np
-import numpy.typing as npt
 
 from nebosvod.dynamics.twobody_many import lagrange_coefficients
-from nebosvod.observation.contracts import Array
+from nebosvod.observation.contracts import Array, Rows
 
-Rows = npt.NDArray[np.int64]
 REFINEMENTS = 25
 STEP = 0.75  # of the way to the exact f and g in each refinement: whole steps swing about the answer on long arcs
 SETTLED = 1e-9  # relative change of the distances at which refinement ends

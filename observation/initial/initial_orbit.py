@@ -14,8 +14,8 @@ import numpy as np
 
 from nebosvod.dynamics.constants import AU_KM, DAY_S
 from nebosvod.dynamics.twobody_many import fly
-from nebosvod.observation.contracts import Array, Ephemeris
-from nebosvod.observation.formats.records import Astrometry, Rows, Texts
+from nebosvod.observation.contracts import Array, Ephemeris, Rows, Texts
+from nebosvod.observation.formats.records import Astrometry
 from nebosvod.observation.initial.gauss import gauss
 from nebosvod.observation.initial.short_arc import Attributable, attributable, ranging
 from nebosvod.observation.initial.two_body_fit import KEPT, Arc, costs, improve, residuals, shifts, trimmed_rms

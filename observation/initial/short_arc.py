@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from nebosvod.errors import InputError
-from nebosvod.observation.contracts import Array
-from nebosvod.observation.formats.records import Astrometry, Rows
+from nebosvod.observation.contracts import Array, Rows
+from nebosvod.observation.formats.records import Astrometry
 from nebosvod.observation.initial.two_body_fit import Arc, improve
 from nebosvod.observation.reduction.weights import Weights, weigh
 

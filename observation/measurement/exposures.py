@@ -12,13 +12,12 @@ import numpy.typing as npt
 
 from nebosvod.dynamics import Ephemeris, Trajectory
 from nebosvod.errors import InputError
+from nebosvod.observation.contracts import Flags, Rows
 from nebosvod.observation.measurement import rows
 from nebosvod.observation.measurement.direction import residual
 from nebosvod.timescale import Epoch
 
 Array = npt.NDArray[np.float64]
-Rows = npt.NDArray[np.int64]
-Flags = npt.NDArray[np.bool_]
 # A light time this close is corrected to first order: even a fall of 10 m/s^2 close to the Earth then adds 5 cm.
 NEAR_S = 0.1
 SETTLED_S = 1e-9

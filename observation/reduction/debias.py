@@ -16,9 +16,9 @@ import numpy as np
 
 from nebosvod.dynamics.constants import J2000_JD
 from nebosvod.errors import DataError, InputError, counted
-from nebosvod.observation.contracts import Array
+from nebosvod.observation.contracts import Array, Rows
 from nebosvod.observation.earth.earth_orientation import ARCSEC_RAD
-from nebosvod.observation.formats.records import Astrometry, Rows
+from nebosvod.observation.formats.records import Astrometry
 
 # The catalogues of the table in its order. Its last one is UCAC5, which it calls "W"; the MPC has since given W to Gaia
 # DR3 and Y to UCAC5.

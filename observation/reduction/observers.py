@@ -17,10 +17,10 @@ from types import MappingProxyType
 import numpy as np
 
 from nebosvod.errors import InputError
-from nebosvod.observation.contracts import Array, Ephemeris
+from nebosvod.observation.contracts import Array, Ephemeris, Flags, Rows, Texts
 from nebosvod.observation.earth import obscodes
 from nebosvod.observation.earth.sites import MPC_EARTH_RADIUS_KM, GroundSite, ground_states
-from nebosvod.observation.formats.records import Astrometry, Flags, Rows, Texts
+from nebosvod.observation.formats.records import Astrometry
 from nebosvod.observation.reduction.recorded_places import RecordedPlaces
 from nebosvod.observation.spacecraft.kinds import Spacecraft
 from nebosvod.timescale import Epoch

@@ -13,10 +13,11 @@ from pathlib import Path
 import numpy as np
 
 from nebosvod.errors import DataError, InputError
+from nebosvod.observation.contracts import Flags
 from nebosvod.observation.earth import obscodes
-from nebosvod.observation.formats.records import Astrometry, Flags
+from nebosvod.observation.formats.records import Astrometry
 
-DEFAULT = Path(__file__).parent / "data" / "weights.csv"
+DEFAULT = Path(__file__).parent.parent / "data" / "weights.csv"
 COLUMNS = ("station", "mode", "catalogue", "from", "until", "sigma_ra_arcsec", "sigma_dec_arcsec", "source")
 OPTIONAL = ("source",)
 ANY = "*"

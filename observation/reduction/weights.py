@@ -18,10 +18,10 @@ from pathlib import Path
 import numpy as np
 
 from nebosvod.errors import InputError
-from nebosvod.observation.contracts import Array
+from nebosvod.observation.contracts import Array, Flags, Rows, Texts
 from nebosvod.observation.earth import obscodes
 from nebosvod.observation.earth.earth_orientation import ARCSEC_RAD
-from nebosvod.observation.formats.records import Astrometry, Flags, Rows, Texts
+from nebosvod.observation.formats.records import Astrometry
 from nebosvod.observation.reduction.weight_rules import Rule, applies, default_rules, detector_modes, read_rules
 
 FLOOR_ARCSEC = 0.05

@@ -13,8 +13,7 @@ import numpy as np
 
 from nebosvod.borders.text_lines import text_lines
 from nebosvod.errors import InputError
-from nebosvod.observation import table
-from nebosvod.observation.spacecraft.tabulated import TabulatedOrbit
+from nebosvod.observation.spacecraft.tabulated import TabulatedOrbit, table
 from nebosvod.timescale import Epoch
 
 COLUMNS = ("epoch", "x_km", "y_km", "z_km", "vx_km_s", "vy_km_s", "vz_km_s")

@@ -7,9 +7,8 @@ import numpy as np
 
 from nebosvod.borders.quantities import STATE, bordered
 from nebosvod.errors import CoverageError, DataError, InputError
-from nebosvod.observation.contracts import Array, Ephemeris
+from nebosvod.observation.contracts import Array, Ephemeris, Rows
 from nebosvod.observation.spacecraft.interpolation import hermite, lagrange
-from nebosvod.observation.uncertainty.term import Rows
 from nebosvod.timescale import Epoch
 
 Method = Literal["hermite", "lagrange"]

@@ -11,10 +11,10 @@ from typing import Literal, Protocol, get_args
 import numpy as np
 
 from nebosvod.errors import InputError
-from nebosvod.observation.contracts import Array, Ephemeris
+from nebosvod.observation.contracts import Array, Ephemeris, Rows
 from nebosvod.observation.measurement.astrometry import Observation
 from nebosvod.observation.spacecraft.kinds import rtn_axes
-from nebosvod.observation.uncertainty.term import Rows, Term, Treatment
+from nebosvod.observation.uncertainty.term import Term, Treatment
 
 Frame = Literal["icrf", "rtn"]
 AXES = {"icrf": ("x", "y", "z"), "rtn": ("radial", "transverse", "normal")}

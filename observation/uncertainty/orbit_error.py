@@ -6,12 +6,12 @@ import numpy as np
 
 from nebosvod.borders.quantities import bordered_fields
 from nebosvod.errors import InputError
-from nebosvod.observation.contracts import Array, Ephemeris
+from nebosvod.observation.contracts import Array, Ephemeris, Rows
 from nebosvod.observation.measurement.astrometry import Observation
 from nebosvod.observation.spacecraft.kinds import Spacecraft, rtn_axes
 from nebosvod.observation.uncertainty.nuisance import AXES, Frame, check_frame, piecewise
 from nebosvod.observation.uncertainty.orbit_transition import transitions
-from nebosvod.observation.uncertainty.term import Common, Markov, Rows, Treatment, check_treatment, root
+from nebosvod.observation.uncertainty.term import Common, Markov, Treatment, check_treatment, root
 
 
 @bordered_fields()

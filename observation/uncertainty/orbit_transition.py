@@ -10,11 +10,10 @@ import numpy as np
 
 from nebosvod.dynamics.constants import RADIUS_KM
 from nebosvod.errors import InputError
-from nebosvod.observation.contracts import Array, Ephemeris
+from nebosvod.observation.contracts import Array, Ephemeris, Rows
 from nebosvod.observation.earth.constants import EARTH_J2
 from nebosvod.observation.earth.earth_rotation import R_icrf_from_cirs
 from nebosvod.observation.spacecraft.kinds import Spacecraft
-from nebosvod.observation.uncertainty.term import Rows
 from nebosvod.timescale import Epoch
 
 ATTRACTORS = ("sun", "earth", "moon")

@@ -9,13 +9,11 @@ from dataclasses import dataclass, field
 from typing import Literal, get_args
 
 import numpy as np
-import numpy.typing as npt
 
 from nebosvod.errors import InputError
-from nebosvod.observation.contracts import Array
+from nebosvod.observation.contracts import Array, Rows
 
 Treatment = Literal["fixed", "ignored", "considered", "estimated"]
-Rows = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

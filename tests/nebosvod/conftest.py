@@ -6,10 +6,11 @@ from pathlib import Path
 import pytest
 
 from nebosvod.cli import main
-from nebosvod.engine.assembly import View, nominal_point, view
+from nebosvod.engine.assembly import nominal_point, view
 from nebosvod.mission import Mission, load_mission
 from nebosvod.pipeline import run
 from nebosvod.results.result import Result
+from nebosvod.scene.point import View
 from nebosvod.scene.prior import PriorTable, prior_table
 from nebosvod.scene.scene import Scene, build_scene
 

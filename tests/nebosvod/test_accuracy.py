@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from nebosvod.engine.assembly import View, computed_psi
+from nebosvod.engine.assembly import computed_psi
 from nebosvod.engine.fitting import Fit, fit
 from nebosvod.engine.montecarlo import repeat
 from nebosvod.engine.quantity import Quantity, known_partials, quantity
@@ -15,6 +15,7 @@ from nebosvod.estimation.problem.sources import measurement_gain
 from nebosvod.findings.comparison import boxed, comparison, statement, thinned, worst_sigmas
 from nebosvod.findings.foretold import Foretold
 from nebosvod.mission import Mission, load_mission_text
+from nebosvod.scene.point import View
 from nebosvod.scene.prior import PriorTable
 from nebosvod.scene.scene import Scene
 

@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nebosvod.engine.assembly import View, nuisance_treatment, view
+from nebosvod.engine.assembly import nuisance_treatment, view
 from nebosvod.mission import Mission, load_mission_text
 from nebosvod.observation import merge, observe
+from nebosvod.scene.point import View
 from nebosvod.scene.prior import PriorTable
 from nebosvod.scene.scene import Scene
 

@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 
 from nebosvod.cli import main
-from nebosvod.engine.assembly import View, computed_psi
+from nebosvod.engine.assembly import computed_psi
 from nebosvod.engine.fitting import Fit, fit
 from nebosvod.engine.quantity import Quantity, known_partials, quantity
 from nebosvod.findings.blame import Worlds, prediction_rows, state_rows
 from nebosvod.findings.required import required
 from nebosvod.mission import Mission, load_mission_text
+from nebosvod.scene.point import View
 from nebosvod.scene.prior import PriorTable
 from nebosvod.scene.scene import Scene
 

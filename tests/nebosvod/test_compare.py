@@ -14,7 +14,7 @@ from nebosvod.cli import main
 from nebosvod.errors import InputError, listed
 from nebosvod.results.compare import compare, shown_budget
 
-SCHEMA = json.loads((Path(nebosvod.__file__).parent / "comparison.schema.json").read_text("utf-8"))
+SCHEMA = json.loads((Path(nebosvod.__file__).parent / "results" / "comparison.schema.json").read_text("utf-8"))
 Change = Callable[[dict[str, Any]], None]
 
 

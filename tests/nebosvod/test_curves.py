@@ -5,13 +5,14 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from nebosvod.engine.assembly import View, computed_psi
+from nebosvod.engine.assembly import computed_psi
 from nebosvod.engine.fitting import Fit, fit
 from nebosvod.engine.quantity import Quantity, known_partials, quantity
 from nebosvod.estimation import Block, LinearProblem
 from nebosvod.estimation.solvers import recursive
 from nebosvod.findings.curves import curves, last_slope, prior_sigma
 from nebosvod.mission import Mission, load_mission_text
+from nebosvod.scene.point import View
 from nebosvod.scene.prior import PriorTable
 from nebosvod.scene.scene import Scene
 

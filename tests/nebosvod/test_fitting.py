@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
-from nebosvod.engine.assembly import View, nominal_point, view
+from nebosvod.engine.assembly import nominal_point, view
 from nebosvod.engine.fitting import Fit, fit
 from nebosvod.engine.truth import draw
 from nebosvod.mission import load_mission_text
+from nebosvod.scene.point import View
 from nebosvod.scene.prior import STATE_NAMES, PriorTable, prior_table
 from nebosvod.scene.scene import Scene, build_scene
 

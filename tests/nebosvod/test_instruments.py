@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 
 from nebosvod.cli import main
-from nebosvod.engine.assembly import View, linear_problem, nominal_point, view
+from nebosvod.engine.assembly import linear_problem, nominal_point, view
 from nebosvod.engine.fitting import fit
 from nebosvod.engine.truth import draw
 from nebosvod.errors import InputError
 from nebosvod.mission import Mission, load_mission, load_mission_text
 from nebosvod.observation import Common, OrbitError
 from nebosvod.pipeline import run
+from nebosvod.scene.point import View
 from nebosvod.scene.prior import PriorTable
 from nebosvod.scene.scene import Scene, build_scene
 

@@ -18,19 +18,19 @@ from scipy.integrate import solve_ivp
 import nebosvod
 from nebosvod.cli import main
 from nebosvod.dynamics import propagate
-from nebosvod.engine.assembly import View
 from nebosvod.engine.montecarlo import consistency, repeat
 from nebosvod.engine.trial import LINEAR_SIGMA, Setting, generator, measured_truth, possible, second_order
 from nebosvod.mission import Mission, load_mission, load_mission_text
 from nebosvod.mission.reading.builtin import builtin_names
 from nebosvod.observation import observe, residual
+from nebosvod.scene.point import View
 from nebosvod.scene.prior import STATE_NAMES, PriorTable
 from nebosvod.scene.scene import Scene
 from nebosvod.studies.campaign import Campaign, compute_chunk, passes
 from nebosvod.studies.validation import summary, validate
 
 Array = npt.NDArray[np.float64]
-SCHEMA = json.loads((Path(nebosvod.__file__).parent / "validation.schema.json").read_text("utf-8"))
+SCHEMA = json.loads((Path(nebosvod.__file__).parent / "studies" / "validation.schema.json").read_text("utf-8"))
 SEED = 20290413
 WIDE = "prior: {sigma: {position: 1000 km, velocity: 0.2 m/s}}\n"
 IGNORED = """estimators:

@@ -8,7 +8,7 @@ import numpy.typing as npt
 import pytest
 from scipy import stats
 
-from nebosvod.engine.assembly import View, computed_psi, linear_problem
+from nebosvod.engine.assembly import computed_psi, linear_problem
 from nebosvod.engine.fitting import fit
 from nebosvod.engine.montecarlo import consistency, repeat
 from nebosvod.engine.trial import Setting as TrialSetting
@@ -17,6 +17,7 @@ from nebosvod.engine.truth import draw
 from nebosvod.estimation.solvers import batch
 from nebosvod.mission import Mission, load_mission_text
 from nebosvod.observation import residual
+from nebosvod.scene.point import View
 from nebosvod.scene.prior import STATE_NAMES, PriorTable
 from nebosvod.scene.scene import Scene
 

@@ -66,8 +66,9 @@ def written(folder: Path, text: str) -> Path:
 
 def summary_of(folder: Path) -> dict[str, Any]:
     summary: dict[str, Any] = json.loads((folder / "summary.json").read_text("utf-8"))
-    schema = Path(nebosvod.__file__).parent / ("fit" if summary.get("kind") == "fit" else "report")
-    jsonschema.validate(summary, json.loads((schema / "summary.schema.json").read_text("utf-8")))
+    schema = Path(nebosvod.__file__).parent / "results"
+    name = "fit_summary.schema.json" if summary.get("kind") == "fit" else "summary.schema.json"
+    jsonschema.validate(summary, json.loads((schema / name).read_text("utf-8")))
     return summary
 
 

@@ -11,15 +11,16 @@ from pathlib import Path
 import pytest
 
 from nebosvod.cli import main
+from nebosvod.report.pages import report_text
 from nebosvod.results.ownership import sha256_of
-from nebosvod.results.result import RunFolder, _write_manifest
+from nebosvod.results.result import OwnedFolder, _write_manifest
 
 KILLED = """
 import hashlib, os, signal, sys
 from pathlib import Path
 import nebosvod.results.publication as publication
 from nebosvod.results.ownership import marked
-from nebosvod.results.result import RunFolder, _write_manifest
+from nebosvod.results.result import OwnedFolder, _write_manifest
 
 folder, step, without_exchange = Path(sys.argv[1]), int(sys.argv[2]), sys.argv[3] == "renames"
 done = 0
@@ -33,7 +34,7 @@ def counted(function):
         return function(*args, **words)
     return call
 
-def fill(stage, result):
+def fill(stage, result, page):
     files = {"summary.json": b"new", "arrays.npz": b"new", "tables/a.ecsv": b"new", "tables/new.ecsv": b"new"}
     hashes = {name: hashlib.sha256(data).hexdigest() for name, data in files.items()}
     _write_manifest(stage, {}, hashes)
@@ -48,7 +49,7 @@ result.write_files = fill
 for name in ("rename", "replace", "link", "unlink", "mkdir", "rmdir", "open"):
     setattr(os, name, counted(getattr(os, name)))
 publication.exchange = counted(publication.exchange) if not without_exchange else lambda one, two: False
-with RunFolder(folder, overwrite=True) as target:
+with OwnedFolder(folder, lambda stage: "", overwrite=True) as target:
     target.publish(None)
 """
 
@@ -226,7 +227,7 @@ def test_a_kill_at_any_step_leaves_a_whole_result_and_the_next_command_the_rest(
             assert news in ({b"old"}, {b"new"}), step
             assert left["notes.txt"] == before["notes.txt"]
             seen |= news
-        with RunFolder(place / "run", overwrite=True):  # the next command at this place
+        with OwnedFolder(place / "run", report_text, overwrite=True):  # the next command at this place
             assert (place / "run" / "summary.json").read_bytes() in (b"old", b"new")
         assert os.listdir(place) == ["run"]
         assert tree(place / "run")["tables/notes.txt"] == b"mine", step

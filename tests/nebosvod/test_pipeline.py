@@ -6,12 +6,13 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from nebosvod.engine.assembly import View, computed_psi, linear_problem, view
+from nebosvod.engine.assembly import computed_psi, linear_problem, view
 from nebosvod.estimation.solvers import batch
 from nebosvod.mission import Mission, load_mission_text
 from nebosvod.observation import residual
 from nebosvod.pipeline import run
 from nebosvod.results.result import Result
+from nebosvod.scene.point import View
 from nebosvod.scene.prior import STATE_NAMES, PriorTable
 from nebosvod.scene.scene import Scene
 from nebosvod.timescale import Epoch

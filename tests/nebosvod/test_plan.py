@@ -23,7 +23,7 @@ from nebosvod.scene.scene import build_scene
 from nebosvod.timescale import Epoch
 
 NAME = "ten days later"
-SCHEMA = json.loads((Path(nebosvod.__file__).parent / "plan.schema.json").read_text("utf-8"))
+SCHEMA = json.loads((Path(nebosvod.__file__).parent / "planning" / "plan.schema.json").read_text("utf-8"))
 PAGE = (Path(__file__).resolve().parents[2] / "docs" / "validation-command.md").read_text("utf-8")
 HOUR = 3600.0
 DAY = 24 * HOUR

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from nebosvod.engine.assembly import View, computed_psi
+from nebosvod.engine.assembly import computed_psi
 from nebosvod.engine.fitting import Fit, fit
 from nebosvod.engine.quantity import Quantity, known_partials, prediction_row, quantity
 from nebosvod.findings.nonlinearity import (
@@ -24,6 +24,7 @@ from nebosvod.findings.nonlinearity import (
 )
 from nebosvod.mission import Mission, load_mission_text
 from nebosvod.pipeline import run
+from nebosvod.scene.point import View
 from nebosvod.scene.prior import STATE_NAMES, PriorTable
 from nebosvod.scene.scene import Scene
 

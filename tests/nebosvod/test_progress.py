@@ -14,7 +14,7 @@ import pytest
 import nebosvod
 from nebosvod.commands.progress import QUIET_S, heard
 
-SUMMARY = Path(nebosvod.__file__).parent / "report" / "summary.schema.json"
+SUMMARY = Path(nebosvod.__file__).parent / "results" / "summary.schema.json"
 
 
 def test_a_stage_that_lasts_is_told_again_with_its_seconds_until_the_next() -> None:

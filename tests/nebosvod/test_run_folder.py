@@ -15,7 +15,8 @@ import numpy as np
 import pytest
 
 from nebosvod.cli import main
-from nebosvod.results.result import Result, RunFolder
+from nebosvod.report.pages import report_text
+from nebosvod.results.result import OwnedFolder, Result
 
 ROOT = Path(__file__).resolve().parents[2]
 PROGRAM = [sys.executable, "-m", "nebosvod"]
@@ -49,7 +50,7 @@ def test_a_run_leaves_the_files_of_the_contract(minimal_folder: Path) -> None:
 
 
 def test_summary_obeys_its_schema(minimal_folder: Path) -> None:
-    schema = json.loads((ROOT / "nebosvod" / "report" / "summary.schema.json").read_text("utf-8"))
+    schema = json.loads((ROOT / "nebosvod" / "results" / "summary.schema.json").read_text("utf-8"))
     jsonschema.Draft202012Validator.check_schema(schema)
     jsonschema.validate(json.loads((minimal_folder / "summary.json").read_text("utf-8")), schema)
 
@@ -156,7 +157,7 @@ def test_a_place_that_cannot_be_written_is_said_before_the_work(capsys: pytest.C
 
 def test_a_second_run_in_one_folder_exits_at_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = tmp_path / "run"
-    with RunFolder(folder):
+    with OwnedFolder(folder, report_text):
         assert main(["run", "minimal", "-o", str(folder)]) == 3
         assert "another run" in capsys.readouterr().err
     assert main(["run", "minimal", "-o", str(folder)]) == 0

@@ -9,11 +9,11 @@ from astropy import units as u
 from astropy.coordinates import EarthLocation
 
 from nebosvod.dynamics.constants import RADIUS_KM
-from nebosvod.engine.assembly import View
 from nebosvod.engine.quantity import quantity
 from nebosvod.errors import CoverageError, DataError, EventError, InputError, NoAnswerError
 from nebosvod.mission import Mission, load_mission, load_mission_text
 from nebosvod.scene.instruments import NUISANCES, SPACECRAFT, kind_of
+from nebosvod.scene.point import View
 from nebosvod.scene.prior import PriorTable
 from nebosvod.scene.scene import Scene, build_scene
 from nebosvod.timescale import Epoch

@@ -7,9 +7,9 @@ import numpy.typing as npt
 import pytest
 from scipy import stats
 
-from nebosvod.engine.assembly import View
 from nebosvod.engine.montecarlo import repeat
 from nebosvod.mission import Mission, load_mission_text
+from nebosvod.scene.point import View
 from nebosvod.scene.prior import STATE_NAMES, PriorTable
 from nebosvod.scene.scene import Scene
 

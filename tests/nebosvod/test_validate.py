@@ -24,7 +24,7 @@ from nebosvod.mission.reading.builtin import builtin_names
 from nebosvod.studies.campaign import CHUNK_RUNS, Campaign, CampaignFolder, chunk_path, compute_chunk, passes
 from nebosvod.studies.validation import summary, validate
 
-SCHEMA = json.loads((Path(nebosvod.__file__).parent / "validation.schema.json").read_text("utf-8"))
+SCHEMA = json.loads((Path(nebosvod.__file__).parent / "studies" / "validation.schema.json").read_text("utf-8"))
 SEED = 20290413
 ESTIMATORS = """
 estimators:

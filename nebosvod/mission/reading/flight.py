@@ -10,7 +10,7 @@ from nebosvod.mission.spacecraft import SUN_RADIUS_KM
 from nebosvod.mission.target import Orbit
 
 GM_SUN_KM3_S2 = 1.32712440041e11  # of DE440
-MOST_STEPS = 8_000  # of one flight: with the ephemeris at their nodes they take a sixth of a gigabyte
+MOST_STEPS = 8_000  # of one flight, as of `nebosvod.dynamics.impact`, which is not loaded for a number
 STEPS_EACH = 17.2  # to a revolution, on a circle; more on an ellipse
 
 
@@ -72,6 +72,6 @@ def complaints(mission: Mission) -> Iterator[tuple[KeyPath, str]]:
 
 def _distance_km(mission: Mission) -> float:
     """From the centre of the Sun at the epoch of the orbit."""
-    from nebosvod.scene.scene import orbit_state  # loads the stages, for an orbit that dives into the Sun only
+    from nebosvod.mission.state import orbit_state  # loads the stages, for an orbit that dives into the Sun only
 
     return math.hypot(*orbit_state(mission, GM_SUN_KM3_S2)[:3].tolist())

@@ -5,7 +5,7 @@ from typing import Any
 
 from nebosvod.errors import InputError
 from nebosvod.mission.fields import KeyPath
-from nebosvod.mission.telescope import MAX_TELESCOPES
+from nebosvod.mission.yaml.inherit import MAX_TELESCOPES
 from nebosvod.mission.yaml.yamlfile import Tree, parse_yaml, read_text, shown
 
 Complaint = tuple[KeyPath, str]

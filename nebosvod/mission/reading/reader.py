@@ -8,7 +8,6 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-from nebosvod import __version__
 from nebosvod.errors import InputError
 from nebosvod.mission.fields import KeyPath
 from nebosvod.mission.fit import FitMission
@@ -19,6 +18,7 @@ from nebosvod.mission.reading.explain import Explainer
 from nebosvod.mission.reading.inputs import resolve_files
 from nebosvod.mission.yaml.inherit import resolve_like
 from nebosvod.mission.yaml.yamlfile import Mark, Problem, Tree, YamlFile, parse_yaml, read_text, shown
+from nebosvod.version import __version__
 
 
 def load_mission(path: str | Path) -> Mission:

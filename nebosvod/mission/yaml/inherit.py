@@ -2,8 +2,9 @@
 
 from difflib import get_close_matches
 
-from nebosvod.mission.telescope import MAX_TELESCOPES
 from nebosvod.mission.yaml.yamlfile import KeyPath, Problem, Tree, YamlFile, shown
+
+MAX_TELESCOPES = 100
 
 Aliases = dict[KeyPath, KeyPath]  # of an inherited value -> of the value it came from
 

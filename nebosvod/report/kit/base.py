@@ -9,10 +9,10 @@ from typing import Any
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
-from nebosvod import __version__
 from nebosvod.report.kit import wording
+from nebosvod.version import __version__
 
-HERE = Path(__file__).parent
+HERE = Path(__file__).parent.parent
 
 
 def render(template: str, **words: Any) -> str:

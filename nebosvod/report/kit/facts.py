@@ -4,6 +4,7 @@ import math
 
 from markupsafe import Markup
 
+from nebosvod.findings.kinds import kind_of
 from nebosvod.findings.outlook import moment_words
 from nebosvod.report.kit import wording
 from nebosvod.report.kit.wording import percent, product, quantity
@@ -87,14 +88,6 @@ def grouped(shares: list[tuple[str, float]], telescopes: list[str]) -> list[tupl
         share, n = sums.get(kind, (0.0, 0))
         sums[kind] = (share + own, n + 1)
     return sorted(((k, s, n) for k, (s, n) in sums.items()), key=lambda item: (-item[1], item[0]))
-
-
-def kind_of(source: str, telescopes: list[str]) -> str:
-    """A source's name without the telescope it belongs to: `bias NEB-1` -> `bias`."""
-    for name in sorted(telescopes, key=len, reverse=True):
-        if source.endswith(" " + name):
-            return source.removesuffix(" " + name)
-    return source
 
 
 def impact_clause(p: Item) -> Markup:

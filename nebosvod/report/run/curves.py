@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
+from nebosvod.mission.slugs import array_name
 from nebosvod.report.kit.chart import Chart, Panel
 from nebosvod.report.kit.download import Download, csv
 from nebosvod.report.kit.facts import leading
@@ -13,7 +14,7 @@ from nebosvod.report.kit.plate import BLUE, GREEN, GREY, INK, PURPLE, Plate
 from nebosvod.report.kit.scale import logarithmic
 from nebosvod.report.kit.wording import NBSP, finite, quantity, scale_of
 from nebosvod.report.run.tables import Cell, Table
-from nebosvod.results.folder import Array, Item, RunFolder, slug
+from nebosvod.results.folder import Array, Item, RunFolder
 
 WORLDS: Mapping[str, tuple[str, dict[str, Any]]] = {
     "all": ("everything", {"stroke": INK, "stroke_width": 2.0}),
@@ -51,7 +52,7 @@ def _curve_plate(block: Item) -> Plate | None:
     every = {k: np.where(v < MOST * finals[-1], v * factor, np.nan) for k, v in every.items() if len(v)}
     values = [v for curve in (*every.values(), sparse * factor, noisy * factor) for v in curve]
     y = logarithmic(values, f"total σ, {text}", most=5)
-    key = "curves-" + slug(block["prediction"]).replace("_", "-")
+    key = "curves-" + array_name(block["prediction"]).replace("_", "-")
     chart = Chart(key, height=0.0)
     edge = 18.0 + 5.7 * y.width + 5.0
     wide = (440.0 - 13.0 - edge - 16.0) / 2.0

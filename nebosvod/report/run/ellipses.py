@@ -7,6 +7,7 @@ import numpy as np
 from markupsafe import Markup
 
 from nebosvod.estimation.accuracy.formed import matrix_of
+from nebosvod.mission.slugs import array_name
 from nebosvod.report.kit import wording
 from nebosvod.report.kit.chart import Chart, Panel
 from nebosvod.report.kit.download import Download, csv
@@ -14,7 +15,7 @@ from nebosvod.report.kit.facts import leading, unit_of, when
 from nebosvod.report.kit.plate import BLUE, INK, VERMILION, Plate
 from nebosvod.report.kit.scale import linear
 from nebosvod.report.kit.wording import NBSP, TIMES, number, percent, product, quantity
-from nebosvod.results.folder import Array, Item, RunFolder, slug
+from nebosvod.results.folder import Array, Item, RunFolder
 
 SLENDER = 12.0  # axis ratio above which an ellipse at true scale is a line, and is drawn along its own axes instead
 LEVELS = ((1, "39.3"), (2, "86.5"), (3, "98.9"))  # 1 - exp(-lambda^2/2), per cent
@@ -35,7 +36,7 @@ def drawn_orbits(run: RunFolder, prediction: Item) -> Array | None:
     first = run.main
     if first is None or prediction["estimator"] != first["name"]:
         return None
-    points = run.array(f"clones_{slug(prediction['name'])}_{unit_of(prediction)}")
+    points = run.array(f"clones_{array_name(prediction['name'])}_{unit_of(prediction)}")
     return None if points is None else np.asarray(points)[np.isfinite(points).all(axis=1)]
 
 
@@ -87,7 +88,7 @@ def _frame(
     prediction: Item, K: Array, names: tuple[str, str], unit: str, slender: bool, flip: bool
 ) -> tuple[Chart, Panel]:
     """Axes: one scale for both unless the ellipse is slender; east is left on the sky."""
-    key = "ellipse-" + slug(f"{prediction['name']} {prediction['plane']}").replace("_", "-")
+    key = "ellipse-" + array_name(f"{prediction['name']} {prediction['plane']}").replace("_", "-")
     reach = 3.0 * ROOM * np.sqrt(np.diag(K))
     side = 170.0 if slender else SIDE
     if not slender:  # the longer axis fills the square

@@ -6,6 +6,7 @@ from typing import Any
 
 from markupsafe import Markup
 
+from nebosvod.mission.slugs import array_name
 from nebosvod.report.kit import wording
 from nebosvod.report.kit.chart import Chart
 from nebosvod.report.kit.download import Download, csv
@@ -14,7 +15,7 @@ from nebosvod.report.kit.plate import BLUE, INK, VERMILION, Plate
 from nebosvod.report.kit.scale import linear, named
 from nebosvod.report.kit.wording import finite, join, number, percent, quantity, scale_of
 from nebosvod.report.run.sources import kind_of, look
-from nebosvod.results.folder import Item, RunFolder, slug
+from nebosvod.results.folder import Item, RunFolder
 
 REMEDIES = ("if_vanished", "if_halved")
 GAINS = ("same", "new")
@@ -104,7 +105,7 @@ def _entry(row: Item, share: float, key: str, total: float) -> Entry:
 def _made(key: str, title: str, unit: str, total: float, entries: list[Entry]) -> Ledger:
     """A ledger in order."""
     entries = sorted(entries, key=lambda e: (-e.share, e.source))
-    return Ledger(key=slug(key).replace("_", "-"), title=title, unit=unit, total=total, entries=tuple(entries))
+    return Ledger(key=array_name(key).replace("_", "-"), title=title, unit=unit, total=total, entries=tuple(entries))
 
 
 def shares_plate(run: RunFolder, found: Sequence[Ledger]) -> Plate | None:

@@ -11,7 +11,7 @@ import jsonschema
 import numpy as np
 import pytest
 
-import nebosvod.fits
+import nebosvod.results
 import nebosvod.scenarios
 from nebosvod.cli import main
 from nebosvod.mission import load_fit
@@ -73,7 +73,7 @@ def test_the_summary_is_what_its_schema_says(compared, tmp_path, which):
         (tmp_path / "2023DW.obs80").write_text("\n".join(lines) + "\n", "ascii")
         assert main(["fit", str(path), "-o", str(tmp_path / "run")]) == 1
         found = json.loads((tmp_path / "run" / "summary.json").read_text("utf-8"))
-    schema = json.loads((Path(nebosvod.fits.__file__).with_name("summary.schema.json")).read_text("utf-8"))
+    schema = json.loads((Path(nebosvod.results.__file__).with_name("fit_summary.schema.json")).read_text("utf-8"))
     jsonschema.validate(found, schema, cls=jsonschema.Draft202012Validator)
 
 

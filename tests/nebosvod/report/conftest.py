@@ -354,13 +354,14 @@ def real_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run of the program itself: the smallest mission with a target on the sky, an ignored bias, and Monte Carlo."""
     from nebosvod.mission import load_mission
     from nebosvod.pipeline import run
-    from nebosvod.results.result import RunFolder
+    from nebosvod.report.pages import report_text
+    from nebosvod.results.result import OwnedFolder
 
     folder = tmp_path_factory.mktemp("real")
     built_in = Path(__file__).parents[3] / "scenarios" / "minimal.yaml"
     text = built_in.read_text("utf-8").replace("  - {name: ten days later", SKY + "  - {name: ten days later")
     (folder / "small.yaml").write_text(text + ESTIMATORS, "utf-8")
-    with RunFolder(folder / "run") as target:
+    with OwnedFolder(folder / "run", report_text) as target:
         target.publish(run(load_mission(str(folder / "small.yaml")), seed=3))
     return folder / "run"
 

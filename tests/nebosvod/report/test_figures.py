@@ -175,7 +175,7 @@ def test_prediction_with_its_sigma_is_written_to_the_digits_that_count() -> None
 
 def test_summary_schema_admits_the_run_and_refuses_what_is_not_one(run: RunFolder) -> None:
     jsonschema = pytest.importorskip("jsonschema")
-    schema = json.loads((Path(page.__file__).parent / "summary.schema.json").read_text("utf-8"))
+    schema = json.loads((Path(page.__file__).parents[2] / "results" / "summary.schema.json").read_text("utf-8"))
     check = jsonschema.Draft202012Validator(schema)
     check.check_schema(schema)
     check.validate(run.summary)

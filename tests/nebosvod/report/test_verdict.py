@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from nebosvod.report.kit.facts import earlier_orbit, grouped, impact_clause, kind_of, position_shares
+from nebosvod.findings.kinds import kind_of
+from nebosvod.report.kit.facts import earlier_orbit, grouped, impact_clause, position_shares
 from nebosvod.report.run.physical import kappa_partials, kappa_sentence
 from nebosvod.report.run.trust import doubtful, nonlinearity_sentence
 from nebosvod.report.run.verdict import blame_of, chi2_interval, verdict

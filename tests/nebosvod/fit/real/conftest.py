@@ -16,9 +16,9 @@ from nebosvod.dynamics.elements import cometary_to_state, equinoctial_to_state
 from nebosvod.fits.engine import OrbitFit, fit_object
 from nebosvod.fits.orbit import OrbitAt, orbit_at
 from nebosvod.mission import FitMission
+from nebosvod.mission.state import to_icrf
 from nebosvod.observation.formats.reading import read_astrometry
 from nebosvod.observation.formats.records import Astrometry
-from nebosvod.scene.scene import to_icrf
 from nebosvod.timescale import SECONDS_PER_DAY, Epoch
 from nebosvod.units import AU_KM, DEG
 

@@ -12,12 +12,12 @@ import pytest
 from nebosvod.dynamics import Ephemeris, ForceModel, Trajectory, propagate
 from nebosvod.dynamics.elements import cometary_to_state
 from nebosvod.fits.engine import OrbitFit
+from nebosvod.mission.state import to_icrf
 from nebosvod.observation import GroundSite, Observation, Telescope, observe
 from nebosvod.observation.earth import obscodes
 from nebosvod.observation.formats.reading import read_astrometry
 from nebosvod.observation.measurement.exposures import Sky, look
 from nebosvod.observation.reduction.observers import telescopes
-from nebosvod.scene.scene import to_icrf
 from nebosvod.timescale import SECONDS_PER_DAY, Epoch
 from nebosvod.units import AU_KM, DEG
 
