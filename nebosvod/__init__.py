@@ -7,6 +7,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from nebosvod.borders.moved import listen
 from nebosvod.version import __version__
 
 if TYPE_CHECKING:
@@ -19,6 +20,7 @@ _CHECKOUT = Path(__file__).resolve().parent.parent
 if (_CHECKOUT / "pyproject.toml").is_file() and (_CHECKOUT / "dynamics" / "__init__.py").is_file():
     __path__.append(str(_CHECKOUT))
 
+listen()
 __all__ = ["Result", "__version__", "load_mission", "run"]
 
 _HOME = {"load_mission": "nebosvod.mission", "run": "nebosvod.pipeline", "Result": "nebosvod.results.result"}

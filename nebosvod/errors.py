@@ -8,6 +8,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
+# what a program ends with: finished, but not to be relied on; wrong input; the machine; a fault of the program
+EXIT_QUALITY, EXIT_INPUT, EXIT_ENVIRONMENT, EXIT_INTERNAL = 1, 2, 3, 4
+
 
 def counted(number: int, noun: str) -> str:
     """`1 record`, `2 records`, for a message."""

@@ -1,12 +1,15 @@
 """The house: package list, direction of imports, and what the lint cannot hold."""
 
 import ast
+import importlib
 import subprocess
 import sys
 import tomllib
 from pathlib import Path
 
 import pytest
+
+from nebosvod.borders.moved import MOVED
 
 ROOT = Path(__file__).resolve().parent.parent
 STAGES = ("dynamics", "observation", "estimation", "nebosvod")
@@ -163,6 +166,14 @@ for name in nebosvod.__all__:
     assert name == "__version__" or callable(thing), name
 """
     subprocess.run([sys.executable, "-c", script], cwd=ROOT, check=True)
+
+
+@pytest.mark.parametrize(("old", "new"), MOVED.items())
+def test_names_that_the_documentation_showed_still_import_and_say_the_new_one(old: str, new: str) -> None:
+    sys.modules.pop(old, None)
+    with pytest.warns(DeprecationWarning, match=f"{old} is now {new}$"):
+        there = importlib.import_module(old)
+    assert vars(there).items() >= {(k, v) for k, v in vars(importlib.import_module(new)).items() if callable(v)}
 
 
 @pytest.mark.parametrize("leaf", ["errors", "timescale", "units", "version"])

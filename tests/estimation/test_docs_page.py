@@ -46,7 +46,7 @@ def test_the_page_needs_numpy_and_this_package_alone():
     modules |= {
         alias.name for node in ast.walk(ast.parse(code)) if isinstance(node, ast.Import) for alias in node.names
     }
-    assert modules == {"numpy", "nebosvod.estimation"}
+    assert {name for name in modules if not name.startswith("nebosvod.estimation")} == {"numpy"}
     assert "_" not in {name.partition(".")[2][:1] for name in re.findall(r"\w+\._\w+", code)}
 
 

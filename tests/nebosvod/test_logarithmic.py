@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 
-from nebosvod.commands.resolved import describe
+from nebosvod.commands.check_answer import describe
 from nebosvod.dynamics import propagate
 from nebosvod.engine.assembly import nominal_point, view
 from nebosvod.engine.fitting import fit

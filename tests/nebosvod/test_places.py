@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from nebosvod.cli import main
-from nebosvod.commands.resolved import describe
+from nebosvod.commands.check_answer import describe
 from nebosvod.dynamics.ephemeris import DATA
 from nebosvod.errors import InputError
 from nebosvod.mission import list_missions, load_mission, load_mission_text

@@ -1,0 +1,20 @@
+"""`nebosvod check`: is a file right, what does it mean, and what will it cost."""
+
+import click
+
+
+@click.command()
+@click.argument("mission")
+def check(mission: str) -> int:
+    """Validate MISSION, print what it resolves to and what it will cost; run nothing."""
+    from nebosvod.commands.check_answer import describe
+    from nebosvod.mission import FitMission, load_any
+
+    loaded = load_any(mission)
+    if isinstance(loaded, FitMission):
+        from nebosvod.commands.check_fit_answer import describe_fit
+
+        click.echo(describe_fit(loaded))
+    else:
+        click.echo(describe(loaded))
+    return 0

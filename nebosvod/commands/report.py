@@ -1,0 +1,29 @@
+"""`nebosvod report`: the page of a folder made again."""
+
+from pathlib import Path
+
+import click
+
+
+@click.command()
+@click.argument("folder", type=click.Path(path_type=Path))
+@click.option("--pdf", is_flag=True, help="Also print it to report.pdf, by a Chromium of this machine.")
+def report(folder: Path, pdf: bool) -> int:
+    """(Re)make report.html of the run in FOLDER, from the files of the run alone."""
+    from nebosvod.borders.wholefile import refuse_link
+    from nebosvod.report.kit.pdf import print_pdf
+    from nebosvod.report.pages import report_text
+    from nebosvod.results.result import rewrite_report
+
+    if folder.is_symlink():
+        refuse_link(folder, folder.lstat().st_mode)
+    made = rewrite_report(
+        folder,
+        report_text,
+        printer=print_pdf if pdf else None,
+        say=lambda sentence: click.echo(f"notice: {sentence}", err=True),
+    )
+    click.echo(f"report: {made}")
+    if pdf:
+        click.echo(f"pdf: {folder / 'report.pdf'}")
+    return 0
