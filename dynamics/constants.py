@@ -7,9 +7,10 @@ them; `Ephemeris.gm_km3_s2` and `Ephemeris.scalars` hold those.
 import math
 from types import MappingProxyType
 
-AU_KM = 149597870.7  # IAU 2012 resolution B2 (exact)
+from nebosvod.units import AU_KM as AU_KM
+from nebosvod.units import DAY_S as DAY_S
+
 SPEED_OF_LIGHT_KM_S = 299792.458  # BIPM, SI definition of the metre (exact)
-DAY_S = 86400.0  # by definition
 J2000_JD = 2451545.0  # 2000-01-01T12:00:00 TDB, IAU 1976 System of Astronomical Constants
 SOLAR_IRRADIANCE_W_M2 = 1361.0  # total solar irradiance at 1 au; Kopp and Lean 2011 (GRL 38, L01706) give 1360.8 +- 0.5
 OBLIQUITY_J2000_RAD = math.radians(84381.448 / 3600.0)  # ecliptic_j2000 of JPL; IAU 1976 (Lieske et al. 1977)

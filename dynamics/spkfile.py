@@ -15,9 +15,9 @@ import numpy as np
 import numpy.typing as npt
 
 from nebosvod.errors import DataError
+from nebosvod.units import DAY_S
 
 Array = npt.NDArray[np.float64]
-DAY_S = 86400.0
 RECORD_BYTES = 1024
 MOST_SUMMARIES = 25  # of 40 bytes in a record, after 24 bytes
 

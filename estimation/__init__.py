@@ -1,12 +1,13 @@
 """Residuals and partials -> estimate, covariance and what causes it. Matrices only, no astronomy."""
 
+from nebosvod.borders.treatment import Treatment
 from nebosvod.estimation.accuracy import budget, consistency, ellipse, extended, guaranteed, mean_error
 from nebosvod.estimation.accuracy import refined as nuisance
 from nebosvod.estimation.accuracy.budget import NoiseToNuisance, noise_to_nuisance
 from nebosvod.estimation.accuracy.ellipse import Ellipse, Ellipsoid
 from nebosvod.estimation.filters import combined, consider, current_state, kalman, normal_places, smoother, two_stage
 from nebosvod.estimation.problem.estimate import Estimate, History, Prediction, Status
-from nebosvod.estimation.problem.problem import Block, LinearProblem, Markov, Prior, Treatment, White
+from nebosvod.estimation.problem.problem import Block, LinearProblem, Markov, Prior, White
 from nebosvod.estimation.problem.square_root import lower_factor
 from nebosvod.estimation.solvers import batch, iteration, recursive, rejection, separated, sequential
 from nebosvod.estimation.solvers.iteration import IterationResult, gauss_newton

@@ -14,7 +14,8 @@ from nebosvod.errors import InputError
 
 AU_KM = 149597870.7  # IAU 2012 resolution B2
 DAY_S = 86400.0
-DEG = math.pi / 180.0
+DEG = math.pi / 180.0  # rad
+ARCSEC = math.pi / 648000.0  # rad; an angle in rad divided by it is in arcseconds
 NUMBER = r"[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?"
 
 _QUANTITY = re.compile(rf"({NUMBER})\s*(.*)", re.DOTALL)

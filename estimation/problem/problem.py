@@ -9,19 +9,18 @@ common group is `fixed` (no error anywhere), `ignored` (the truth has it, the es
 import difflib
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, get_args
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from nebosvod.borders.quantities import bordered_fields
+from nebosvod.borders.treatment import TREATMENTS, Treatment
 from nebosvod.errors import InputError
 from nebosvod.estimation.problem.square_root import covariance_factor
 
 Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
-Treatment = Literal["fixed", "ignored", "considered", "estimated"]
-TREATMENTS: tuple[Treatment, ...] = get_args(Treatment)
 
 
 @bordered_fields()

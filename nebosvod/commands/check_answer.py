@@ -1,9 +1,7 @@
 """What a mission resolves to, in words: the output of `nebosvod check`. Loads nothing heavy."""
 
 from nebosvod.mission import Bias, Mission, Photocentre, Position, Source, Telescope, Timing, estimate_cost
-
-DEG = 57.29577951308232
-ARCSEC = 206264.80624709636
+from nebosvod.units import ARCSEC, DEG
 
 
 def describe(mission: Mission) -> str:
@@ -18,7 +16,7 @@ def describe(mission: Mission) -> str:
     lines += [f"  ({statement})" for statement in mission.object.statements]
     lines.append(f"forces           {_forces(mission)}")
     for telescope in mission.telescopes:
-        ra, dec = (sigma * ARCSEC for sigma in telescope.noise.sigma_rad)
+        ra, dec = (sigma / ARCSEC for sigma in telescope.noise.sigma_rad)
         noise = f"{ra:.3g} arcsec" if ra == dec else f"{ra:.3g} x {dec:.3g} arcsec"
         own = (s for s in mission.sources if s.path[0] == "telescopes" and s.telescopes == (telescope.name,))
         errors = "".join(f", {source.group} {_source(source)}" for source in own)
@@ -47,7 +45,7 @@ def _night(telescope: Telescope) -> str:
     sun, altitude = telescope.night
     if sun is None or altitude is None:
         return ""
-    return f" (Sun below {sun * DEG:.4g} deg, object above {altitude * DEG:.4g} deg)"
+    return f" (Sun below {sun / DEG:.4g} deg, object above {altitude / DEG:.4g} deg)"
 
 
 def _forces(mission: Mission) -> str:
@@ -99,8 +97,8 @@ def _sizes(error: Bias | Position | Timing | Photocentre) -> list[str]:
         return sizes + ([f"renewed every {every / 86400.0:.3g} d"] if every is not None else [])
     if isinstance(error, Bias):
         pair = error.sigma_rad
-        sizes = [] if pair is None else [" x ".join(f"{s * ARCSEC:.3g}" for s in dict.fromkeys(pair)) + " arcsec"]
-        return sizes + ([f"{error.drift * ARCSEC * 86400.0:.3g} arcsec/d"] if error.drift is not None else [])
+        sizes = [] if pair is None else [" x ".join(f"{s / ARCSEC:.3g}" for s in dict.fromkeys(pair)) + " arcsec"]
+        return sizes + ([f"{error.drift / ARCSEC * 86400.0:.3g} arcsec/d"] if error.drift is not None else [])
     if error.sigma is None:
         return []
     return [

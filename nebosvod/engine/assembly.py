@@ -15,10 +15,10 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from nebosvod.borders.treatment import Treatment
 from nebosvod.dynamics import Trajectory
 from nebosvod.estimation import Block, LinearProblem, Markov, Prior, White
 from nebosvod.mission import Estimator
-from nebosvod.mission.fields import Treatment
 from nebosvod.observation import Common, Observation, Term, observe, residual
 from nebosvod.observation import Markov as MarkovTerm
 from nebosvod.observation.measurement.astrometry import ROW_FIELDS

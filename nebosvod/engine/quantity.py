@@ -23,9 +23,9 @@ from nebosvod.observation import observe
 from nebosvod.scene.prior import STATE_NAMES
 from nebosvod.scene.scene import Scene
 from nebosvod.timescale import Epoch, Scale
+from nebosvod.units import ARCSEC
 
 Array = npt.NDArray[np.float64]
-ARCSEC = np.pi / (180.0 * 3600.0)
 M_PER_KM = 1000.0
 ANSWERED = "answered"  # status of a prediction that exists
 SIGMAS = 3.0

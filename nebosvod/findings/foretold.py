@@ -13,12 +13,13 @@ import numpy as np
 from nebosvod.dynamics import Trajectory
 from nebosvod.dynamics.surface import SURFACE_KM
 from nebosvod.engine.fitting import Fit
-from nebosvod.engine.quantity import ARCSEC, Disc, Quantity, chance, known_partials, quantity, time_scale
+from nebosvod.engine.quantity import Disc, Quantity, chance, known_partials, quantity, time_scale
 from nebosvod.errors import NoAnswerError
 from nebosvod.estimation import Estimate
 from nebosvod.mission.request import Prediction
 from nebosvod.scene.prior import STATE_NAMES
 from nebosvod.scene.scene import Scene
+from nebosvod.units import ARCSEC
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -20,7 +20,7 @@ from nebosvod.dynamics import Trajectory
 from nebosvod.dynamics.impact import impact
 from nebosvod.engine.entry import ground_displacement
 from nebosvod.engine.fitting import Fit
-from nebosvod.engine.quantity import ARCSEC, M_PER_KM, SIGMAS, Quantity, known_partials, quantity
+from nebosvod.engine.quantity import M_PER_KM, SIGMAS, Quantity, known_partials, quantity
 from nebosvod.errors import EventError, ImpactError, InputError, NoAnswerError
 from nebosvod.estimation import Estimate
 from nebosvod.estimation.accuracy import ellipse
@@ -28,6 +28,7 @@ from nebosvod.estimation.accuracy.consistency import binomial_interval
 from nebosvod.scene.point import Point
 from nebosvod.scene.prior import STATE_NAMES
 from nebosvod.scene.scene import Scene
+from nebosvod.units import ARCSEC
 
 Array = npt.NDArray[np.float64]
 CHORD = float(np.sqrt(3.0))

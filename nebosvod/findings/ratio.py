@@ -15,11 +15,11 @@ from nebosvod.estimation.accuracy.budget import NoiseToNuisance, critical_sigma,
 from nebosvod.mission.request import NuisanceGroup
 from nebosvod.scene.point import View
 from nebosvod.scene.scene import Scene
+from nebosvod.units import ARCSEC
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 LIMITS_DB = (0.0, 20.0, 40.0)
-ARCSEC = np.pi / 648000.0
 
 
 def ratio(scene: Scene, problem: LinearProblem, view: View) -> tuple[dict[str, Any], dict[str, Array]]:

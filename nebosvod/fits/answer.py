@@ -24,10 +24,10 @@ from nebosvod.mission import FitMission
 from nebosvod.scene.prior import STATE_NAMES
 from nebosvod.scene.recorded import long_span, long_trajectory
 from nebosvod.scene.scene import Scene
+from nebosvod.units import ARCSEC
 
 Array = npt.NDArray[np.float64]
 Rows = Sequence[Mapping[str, Any]]
-ARCSEC = np.pi / (180.0 * 3600.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -31,9 +31,9 @@ from nebosvod.scene.material import Material, prepare
 from nebosvod.scene.prior import STATE_NAMES, PriorTable, prior_table
 from nebosvod.scene.scene import force_model, reference_state, require_epochs
 from nebosvod.timescale import SECONDS_PER_DAY, Epoch
+from nebosvod.units import ARCSEC
 
 Array = npt.NDArray[np.float64]
-RAD_TO_ARCSEC = 648000.0 / np.pi
 TRIED = 4  # starting orbits tried before the best of them is taken
 GOOD = 3.0  # chi squared for each selected observation, of which 2 are expected, below which no other start is tried
 MOST = 0.6  # of the observations that a good fit has selected
@@ -275,7 +275,7 @@ def _known(material: Material) -> str:
         return str(error)
     is_are = "is" if len(records) == 1 else "are"
     what = f"known {is_are} {counted(len(records), 'observation')} over {arc_words(material)}"
-    rate = np.linalg.norm(seen.rate_rad_s) * SECONDS_PER_DAY * RAD_TO_ARCSEC
+    rate = np.linalg.norm(seen.rate_rad_s) * SECONDS_PER_DAY / ARCSEC
     curved = f"curved by {seen.significance:.1f} sigma" if seen.significance > 0.0 else "a straight line"
     return (
         f"{what}: at the middle RA {np.degrees(seen.psi[0]):.4f} deg, Dec {np.degrees(seen.psi[1]):+.4f} deg, "

@@ -14,6 +14,7 @@ from nebosvod.fits.leading import NOTE, Led
 from nebosvod.fits.shared_errors import LEAST, SharedError, dates, parts
 from nebosvod.fits.suggestion import entry, flow
 from nebosvod.scene.material import Material
+from nebosvod.units import ARCSEC
 
 Rows = npt.NDArray[np.int64]
 SPOKEN = 4  # shared errors, or groups rejected as a whole, spoken of one by one
@@ -67,8 +68,8 @@ def shared_rows(found: Led, general: General) -> list[dict[str, Any]]:
             "estimate": [float(value) for value in one.estimate],
             "sigma": [float(value) for value in one.sigma],
             "unit": {"clock": "s", "drift": "arcsec/d", "scatter": "times"}.get(one.kind, "arcsec"),
-            "rms_ra_arcsec": float(one.size_rad[0] / shared_errors.ARCSEC),
-            "rms_dec_arcsec": float(one.size_rad[1] / shared_errors.ARCSEC),
+            "rms_ra_arcsec": float(one.size_rad[0] / ARCSEC),
+            "rms_dec_arcsec": float(one.size_rad[1] / ARCSEC),
             "told": told(one, found.material),
             "settings": flow(entry(one, epoch)),
         }

@@ -17,11 +17,11 @@ from nebosvod.fits.correction import Correction
 from nebosvod.fits.screening import PROMISING, Groups, promising
 from nebosvod.observation.measurement.exposures import Sky
 from nebosvod.timescale import SECONDS_PER_DAY
+from nebosvod.units import ARCSEC
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 Rows = npt.NDArray[np.int64]
-ARCSEC = np.pi / 648000.0
 BASIC = ("bias", "clock", "drift")  # kinds that are asked of every group
 PAUSE_S = 30.0 * SECONDS_PER_DAY
 SURE = 5.0  # sigmas of a shared error, from which a station's weights are not believed

@@ -11,10 +11,11 @@ import yaml
 from nebosvod.errors import DataError, InputError
 from nebosvod.fits.leading import Led
 from nebosvod.fits.missing_force import foremost
-from nebosvod.fits.shared_errors import ARCSEC, SharedError
+from nebosvod.fits.shared_errors import SharedError
 from nebosvod.mission import FitMission
 from nebosvod.mission.slugs import slug
 from nebosvod.timescale import SECONDS_PER_DAY, Epoch
+from nebosvod.units import ARCSEC
 
 WIDER = 2.0  # prior sigma against the size that was found: it must not lead
 SHORTEST_S = 0.5 * SECONDS_PER_DAY

@@ -3,7 +3,7 @@
 The table of contents of this package; see docs/mission.md for the file and the attributes of `Mission`.
 """
 
-from nebosvod.mission.fields import Treatment
+from nebosvod.borders.treatment import Treatment
 from nebosvod.mission.fit import FitMission
 from nebosvod.mission.model import SCHEMA_VERSION, CovariancePrior, Mission
 from nebosvod.mission.reading.builtin import list_missions, template_text

@@ -8,6 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field, GetCoreSchemaHandler, GetJson
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, core_schema
 
+from nebosvod.borders.treatment import TREATMENTS, Treatment
 from nebosvod.errors import InputError
 from nebosvod.timescale import HINT, SCALES, Epoch
 from nebosvod.units import (
@@ -25,8 +26,6 @@ from nebosvod.units import (
     quantity,
 )
 
-Treatment = Literal["fixed", "ignored", "considered", "estimated"]
-TREATMENTS: tuple[Treatment, ...] = ("fixed", "ignored", "considered", "estimated")
 Row = TypeVar("Row")
 Several = Annotated[tuple[Row, ...], Field(strict=False)]
 KeyPath = tuple[str | int, ...]

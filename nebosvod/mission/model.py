@@ -13,10 +13,11 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import Discriminator, Field, PrivateAttr, Tag, ValidationError
 
+from nebosvod.borders.treatment import Treatment
 from nebosvod.errors import InputError
 from nebosvod.mission.covariance import NONGRAV_SCALE, Array
 from nebosvod.mission.editing import as_text, as_tree, edited
-from nebosvod.mission.fields import Block, Several, Text, Treatment, When
+from nebosvod.mission.fields import Block, Several, Text, When
 from nebosvod.mission.orbit import Representation, SbdbOrbit
 from nebosvod.mission.request import (
     Arc,

@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field
 
+from nebosvod.borders.treatment import Treatment
 from nebosvod.errors import InputError
 from nebosvod.mission.covariance import COMETARY_SCALE, NONGRAV_SCALE, STATE_SCALE, Array, Matrix, checked
 from nebosvod.mission.fields import (
@@ -19,7 +20,6 @@ from nebosvod.mission.fields import (
     PositiveSpeed,
     Several,
     Text,
-    Treatment,
     When,
 )
 from nebosvod.mission.orbit import Frame

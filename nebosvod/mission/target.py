@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Discriminator, Field, Tag
 
+from nebosvod.borders.treatment import Treatment
 from nebosvod.mission.fields import (
     Acceleration,
     Block,
@@ -13,7 +14,6 @@ from nebosvod.mission.fields import (
     PositiveAcceleration,
     PositiveLength,
     Text,
-    Treatment,
     Uncertain,
     UncertainAcceleration,
     UncertainAlbedo,

@@ -4,6 +4,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
+from nebosvod.borders.treatment import Treatment
 from nebosvod.mission.covariance import MATRIX_SCHEMA, Array, read_matrix
 from nebosvod.mission.fields import (
     Angle,
@@ -19,7 +20,6 @@ from nebosvod.mission.fields import (
     PositiveSpeed,
     Several,
     Size,
-    Treatment,
     Uncertain,
     When,
 )

@@ -8,11 +8,12 @@ import numpy.typing as npt
 
 from nebosvod.estimation.accuracy.formed import formed
 from nebosvod.findings.blame import REMEDIES
-from nebosvod.fits.answer import ARCSEC, Answer, station_rows
+from nebosvod.fits.answer import Answer, station_rows
 from nebosvod.fits.orbit import ELEMENTS, OrbitAt
 from nebosvod.results.result import Table
 from nebosvod.results.run_summary import estimator_row
 from nebosvod.scene.prior import STATE_NAMES
+from nebosvod.units import ARCSEC
 
 Array = npt.NDArray[np.float64]
 Arrays = dict[str, npt.NDArray[Any]]

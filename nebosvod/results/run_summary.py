@@ -20,6 +20,7 @@ from nebosvod.observation.earth.sites import GroundSite
 from nebosvod.scene.prior import STATE_NAMES, PriorTable
 from nebosvod.scene.scene import Scene
 from nebosvod.timescale import SECONDS_PER_DAY
+from nebosvod.units import ARCSEC
 
 Array = npt.NDArray[np.float64]
 SCHEMA_VERSION = 1
@@ -154,14 +155,11 @@ def _parameters(scene: Scene, priors: PriorTable, fit: Fit) -> dict[str, dict[st
     return rows
 
 
-ARCSEC_PER_RAD = float(np.degrees(1.0) * 3600.0)
-
-
 def _unit(scene: Scene, source: str, name: str) -> tuple[str, float]:
     """Unit of a parameter of a source in the summary, and the factor from the internal one."""
     group = scene.sources[source].group
     if group == "bias":
-        return ("arcsec_d", ARCSEC_PER_RAD * SECONDS_PER_DAY) if name.endswith(" drift") else ("arcsec", ARCSEC_PER_RAD)
+        return ("arcsec_d", SECONDS_PER_DAY / ARCSEC) if name.endswith(" drift") else ("arcsec", 1.0 / ARCSEC)
     if group == "position":
         return ("km_s", 1.0) if name.endswith(" rate") else ("km", 1.0)
     return ("s", 1.0) if group == "timing" else ("", 1.0)

@@ -7,7 +7,6 @@ import numpy as np
 import numpy.typing as npt
 
 from nebosvod.engine.fitting import Fit
-from nebosvod.engine.quantity import ARCSEC
 from nebosvod.findings.assessment import Findings
 from nebosvod.findings.blame import REMEDIES, UNKNOWN
 from nebosvod.findings.outlook import answered
@@ -17,6 +16,7 @@ from nebosvod.results.result import Table
 from nebosvod.scene.point import View
 from nebosvod.scene.prior import STATE_NAMES
 from nebosvod.scene.scene import Scene
+from nebosvod.units import ARCSEC
 
 Array = npt.NDArray[np.float64]
 Arrays = dict[str, npt.NDArray[Any]]

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from nebosvod.borders.treatment import Treatment
 from nebosvod.dynamics import ForceModel, Trajectory
 from nebosvod.dynamics.impact import follow
 from nebosvod.errors import InputError
@@ -18,7 +19,7 @@ from nebosvod.observation.contracts import Ephemeris as AnyEphemeris
 from nebosvod.observation.earth import obscodes
 from nebosvod.observation.earth.sites import GroundSite
 from nebosvod.observation.measurement.exposures import Look
-from nebosvod.observation.uncertainty.term import Treatment, White
+from nebosvod.observation.uncertainty.term import White
 from nebosvod.scene.instruments import nuisance
 from nebosvod.scene.material import Material, carrier_of
 from nebosvod.scene.point import Point, View

@@ -21,8 +21,8 @@ from nebosvod.errors import DataError, counted
 from nebosvod.observation.contracts import Array
 from nebosvod.observation.earth.universal_time import ut1_jd
 from nebosvod.timescale import Epoch
+from nebosvod.units import ARCSEC
 
-ARCSEC_RAD = np.pi / 648000.0
 UTC_FIRST_MJD = 36934  # 1960-01-01, from when on UTC is tied to TAI
 C04_FIRST_MJD = 37665  # 1962-01-01
 LEAPS_FIRST_MJD = 41317  # 1972-01-01, from when on it is so by whole seconds
@@ -118,9 +118,7 @@ def _table() -> tuple[Array, Array]:
     if not np.all(np.diff(mjd) == 1.0):
         raise DataError("Earth-orientation table: days are missing in the files of astropy-iers-data; reinstall it")
     tai_minus_utc = _tai_minus_utc(mjd)
-    return mjd + tai_minus_utc / 86400.0, np.stack(
-        [ut1_minus_utc - tai_minus_utc, x * ARCSEC_RAD, y * ARCSEC_RAD], axis=1
-    )
+    return mjd + tai_minus_utc / 86400.0, np.stack([ut1_minus_utc - tai_minus_utc, x * ARCSEC, y * ARCSEC], axis=1)
 
 
 def _tai_minus_utc(mjd: Array) -> Array:

@@ -32,13 +32,13 @@ from nebosvod.observation.formats.object_names import exercises, names_of, other
 from nebosvod.observation.formats.records import Astrometry, told, without_repeats
 from nebosvod.observation.formats.source_file import read_source
 from nebosvod.timescale import Epoch
+from nebosvod.units import ARCSEC
 
 __all__ = ["Residuals", "read_csv", "read_psv", "read_xml", "to_astrometry", "write_psv", "write_xml"]
 
 TIME = re.compile(r"(\d{4})-(\d{2})-(\d{2})T(\d{2}):(\d{2}):(\d{2})(\.\d{0,12})?Z", re.ASCII)
 CATALOGUE = re.compile(r"[.A-Za-z0-9_]{1,8}")
 SHORT_NAME = re.compile(r"[A-Za-z0-9_]{1,3}")
-ARCSEC_RAD = np.pi / 648000.0
 
 
 def read_psv(path: str | Path) -> Astrometry:
@@ -89,7 +89,7 @@ def to_astrometry(cells: Cells) -> Astrometry:
         t_s=t_s,
         utc=np.array(cells.text("obsTime")),
         psi=psi,
-        precision_rad=worth * ARCSEC_RAD,
+        precision_rad=worth * ARCSEC,
         written_rad=_last_digits(cells, psi),
         written_s=_last_digit(text.removesuffix("Z").rpartition(":")[2] for text in cells.text("obsTime")),
         sigma_rad=sigma,
@@ -234,7 +234,7 @@ def _directions(cells: Cells) -> Array:
     by_star = np.isnan(ra) & ~np.isnan(star_ra)
     with np.errstate(invalid="ignore"):
         # the offset is measured on the plane that touches the sky at the star
-        turned, lifted = erfa.tpsts(*(offset.T * ARCSEC_RAD), np.radians(star_ra), np.radians(star_dec))
+        turned, lifted = erfa.tpsts(*(offset.T * ARCSEC), np.radians(star_ra), np.radians(star_dec))
     return np.stack(
         [
             np.mod(np.where(by_star, turned, np.radians(ra)), 2.0 * np.pi),
@@ -263,7 +263,7 @@ def _uncertainties(cells: Cells) -> tuple[Array, Array]:
         if bool(first) != bool(second):
             cells.wrong(row, "rmsDec" if first else "rmsRA", "is empty; give both rmsRA and rmsDec, or neither")
     correlation = cells.numbers("rmsCorr", "(-1, 1)")
-    return sigma * ARCSEC_RAD, np.where(np.isnan(correlation) | np.isnan(sigma[:, 0]), 0.0, correlation)
+    return sigma * ARCSEC, np.where(np.isnan(correlation) | np.isnan(sigma[:, 0]), 0.0, correlation)
 
 
 def _names(cells: Cells, name: str) -> Texts:

@@ -11,6 +11,7 @@ from nebosvod.errors import InputError
 from nebosvod.observation.contracts import Array, Flags
 from nebosvod.observation.formats.designations import kind
 from nebosvod.observation.formats.records import Astrometry
+from nebosvod.units import ARCSEC
 
 CENTRES = {"earth": "399", "sun": "10", "ssb": "0"}
 # the order that the schema prescribes
@@ -22,7 +23,6 @@ COLUMNS = (
 )  # fmt: skip
 OWN_NAME = re.compile(r"[- ?+@./()\\A-Za-z0-9_]{1,8}")
 FULL_TIME = re.compile(r"(.*\.\d{6})\d*Z")
-ARCSEC_RAD = np.pi / 648000.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -78,7 +78,7 @@ def _rows(astrometry: Astrometry, residuals: Residuals | None) -> list[dict[str,
     if residuals is not None and len(residuals.residual_rad) != n:
         raise InputError(f"{len(residuals.residual_rad)} residuals for {n} observations")
     psi = np.degrees(astrometry.psi)
-    sigma = astrometry.sigma_rad / ARCSEC_RAD
+    sigma = astrometry.sigma_rad / ARCSEC
     rows = []
     for i in range(n):
         stated = bool(np.isfinite(sigma[i]).all())
@@ -151,7 +151,7 @@ def _place(astrometry: Astrometry, i: int) -> dict[str, str]:
 
 def _residual(residuals: Residuals, i: int) -> dict[str, str]:
     """The residual group of one record, arcsec."""
-    residual, sigma = residuals.residual_rad[i] / ARCSEC_RAD, residuals.sigma_rad[i] / ARCSEC_RAD
+    residual, sigma = residuals.residual_rad[i] / ARCSEC, residuals.sigma_rad[i] / ARCSEC
     return {
         "orbProd": "nebosvod",
         "orbID": residuals.orbit[:25] or "orbit",

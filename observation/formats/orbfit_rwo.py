@@ -26,8 +26,8 @@ from nebosvod.observation.formats.mpc80_places import roving_km, spacecraft_km
 from nebosvod.observation.formats.object_names import exercises, names_of, other_names, readings
 from nebosvod.observation.formats.records import Astrometry, told, without_repeats
 from nebosvod.observation.formats.source_file import SourceFile, printable, read_source
+from nebosvod.units import ARCSEC
 
-ARCSEC_RAD = np.pi / 648000.0
 VERSION = re.compile(rb"version\s*=\s*(\d+)\s")
 END_OF_HEADER = "END_OF_HEADER"
 WIDTH, SHORTEST = 197, 183
@@ -94,7 +94,7 @@ def parse(source: SourceFile) -> Astrometry:
     roving = np.array([row["note"] == "V" for row in rows.text])
     unused = sum(row["selection"] == "0" for row in rows.text)
     file = source.name
-    written = _pair(numbers, "accuracy") * flat * ARCSEC_RAD
+    written = _pair(numbers, "accuracy") * flat * ARCSEC
     table = Astrometry(
         epoch=epoch,
         path=np.full(n, file),
@@ -104,9 +104,9 @@ def parse(source: SourceFile) -> Astrometry:
         t_s=t_s,
         utc=iso(*calendar[:3], np.rint(calendar[3] * 1e4).astype(np.int64)),
         psi=psi,
-        sigma_rad=_pair(numbers, "RMS") * ARCSEC_RAD,
+        sigma_rad=_pair(numbers, "RMS") * ARCSEC,
         weighed=np.ones(n, dtype=np.bool_),
-        bias_rad=_pair(numbers, "bias") * ARCSEC_RAD,
+        bias_rad=_pair(numbers, "bias") * ARCSEC,
         correlation=np.zeros(n),
         timing_sigma_s=np.zeros(n),  # OrbFit's weights have no clocks beside them
         catalogue=catalogue,

@@ -21,6 +21,7 @@ from nebosvod.observation.initial.short_arc import Attributable, attributable, r
 from nebosvod.observation.initial.two_body_fit import KEPT, Arc, costs, improve, residuals, shifts, trimmed_rms
 from nebosvod.observation.reduction.weights import weigh
 from nebosvod.timescale import Epoch
+from nebosvod.units import ARCSEC
 
 __all__ = ["Attributable", "StartingOrbit", "attributable", "candidates"]
 
@@ -130,7 +131,7 @@ def spans(t: Array, sigma: Array) -> tuple[Rows, ...]:
     ----------
     t : shape (n,), ascending, d; sigma : shape (n,), rad: the precise observations come first.
     """
-    precise = np.flatnonzero(sigma <= max(PRECISE_ARCSEC * np.pi / 648000.0, float(np.median(sigma))))
+    precise = np.flatnonzero(sigma <= max(PRECISE_ARCSEC * ARCSEC, float(np.median(sigma))))
     if np.unique(t[precise]).size < 3:
         precise = np.arange(t.size)
     time = t[precise]

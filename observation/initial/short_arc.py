@@ -13,8 +13,8 @@ from nebosvod.observation.contracts import Array, Rows
 from nebosvod.observation.formats.records import Astrometry
 from nebosvod.observation.initial.two_body_fit import Arc, improve
 from nebosvod.observation.reduction.weights import Weights, weigh
+from nebosvod.units import ARCSEC
 
-ARCSEC_RAD = np.pi / 648000.0
 NEAREST_AU, FARTHEST_AU = 1e-4, 10.0
 COARSE_NEAREST_AU = 3e-3
 FINE, COARSE = (40, 9), (14, 5)  # distances and range rates of the two grids
@@ -56,8 +56,8 @@ class Attributable:
         if hours > 24.0 * LONGEST_D:
             return f"{self.number} observations over {hours / 24.0:.1f} d"
         arc = f"{hours:.1f} h" if hours < 48.0 else f"{hours / 24.0:.1f} d"
-        motion = float(np.linalg.norm(self.rate_rad_s)) / ARCSEC_RAD * 3600.0
-        error = float(np.linalg.norm(self.sigma_rate_rad_s)) / ARCSEC_RAD * 3600.0
+        motion = float(np.linalg.norm(self.rate_rad_s)) / ARCSEC * 3600.0
+        error = float(np.linalg.norm(self.sigma_rate_rad_s)) / ARCSEC * 3600.0
         curve = (
             f"its path is curved by {self.significance:.1f} sigma"
             if self.significance >= SIGNIFICANT

@@ -17,8 +17,8 @@ import numpy as np
 from nebosvod.dynamics.constants import J2000_JD
 from nebosvod.errors import DataError, InputError, counted
 from nebosvod.observation.contracts import Array, Rows
-from nebosvod.observation.earth.earth_orientation import ARCSEC_RAD
 from nebosvod.observation.formats.records import Astrometry
+from nebosvod.units import ARCSEC
 
 # The catalogues of the table in its order. Its last one is UCAC5, which it calls "W"; the MPC has since given W to Gaia
 # DR3 and Y to UCAC5.
@@ -71,7 +71,7 @@ def debias(astrometry: Astrometry, table_path: str | Path | None = None) -> tupl
     years = ((astrometry.epoch.day - J2000_JD) + astrometry.epoch.fraction + astrometry.t_s[biased] / 86400.0) / (
         DAYS_A_YEAR
     )
-    correction[biased] = (values[:, :2] + 1e-3 * years[:, None] * values[:, 2:]) * ARCSEC_RAD
+    correction[biased] = (values[:, :2] + 1e-3 * years[:, None] * values[:, 2:]) * ARCSEC
     taken = counted(biased.size, "observation")
     told = f"catalogue biases (Eggl et al. 2020, {nside} pixels a side) taken off {taken}"
     return correction, (told, *_unknown(astrometry, which))

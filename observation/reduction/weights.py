@@ -20,9 +20,9 @@ import numpy as np
 from nebosvod.errors import InputError
 from nebosvod.observation.contracts import Array, Flags, Rows, Texts
 from nebosvod.observation.earth import obscodes
-from nebosvod.observation.earth.earth_orientation import ARCSEC_RAD
 from nebosvod.observation.formats.records import Astrometry
 from nebosvod.observation.reduction.weight_rules import Rule, applies, default_rules, detector_modes, read_rules
+from nebosvod.units import ARCSEC
 
 FLOOR_ARCSEC = 0.05
 NIGHT_LIMIT = 4
@@ -140,7 +140,7 @@ def _apply(
     for one in rules:
         mine = applies(one, astrometry, mjd, mode, space)
         if mine.any():
-            sigma[mine] = np.array(one.sigma_arcsec) * ARCSEC_RAD
+            sigma[mine] = np.array(one.sigma_arcsec) * ARCSEC
             rule[mine] = one.text
             spoken |= mine
     return spoken
@@ -151,7 +151,7 @@ def _state(
 ) -> list[str]:
     """Write what the records state into sigma, correlation and rule; notices."""
     mine = np.isfinite(astrometry.sigma_rad).all(axis=1)
-    floor = np.where(mode == "OCC", 0.0, floor_arcsec * ARCSEC_RAD)[:, None]
+    floor = np.where(mode == "OCC", 0.0, floor_arcsec * ARCSEC)[:, None]
     raised = mine & (astrometry.sigma_rad < floor).any(axis=1)
     sigma[mine] = np.maximum(astrometry.sigma_rad, floor)[mine]
     correlation[mine] = astrometry.correlation[mine]

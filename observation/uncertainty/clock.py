@@ -5,10 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from nebosvod.borders.quantities import bordered_fields
+from nebosvod.borders.treatment import Treatment
 from nebosvod.observation.contracts import Ephemeris
 from nebosvod.observation.measurement.astrometry import Observation
 from nebosvod.observation.uncertainty.nuisance import sigmas
-from nebosvod.observation.uncertainty.term import Common, Treatment, check_treatment
+from nebosvod.observation.uncertainty.term import Common, check_treatment
 
 
 @bordered_fields()

@@ -10,11 +10,12 @@ from typing import Literal, Protocol, get_args
 
 import numpy as np
 
+from nebosvod.borders.treatment import Treatment
 from nebosvod.errors import InputError
 from nebosvod.observation.contracts import Array, Ephemeris, Rows
 from nebosvod.observation.measurement.astrometry import Observation
 from nebosvod.observation.spacecraft.kinds import rtn_axes
-from nebosvod.observation.uncertainty.term import Term, Treatment
+from nebosvod.observation.uncertainty.term import Term
 
 Frame = Literal["icrf", "rtn"]
 AXES = {"icrf": ("x", "y", "z"), "rtn": ("radial", "transverse", "normal")}

@@ -5,13 +5,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from nebosvod.borders.quantities import bordered_fields
+from nebosvod.borders.treatment import Treatment
 from nebosvod.errors import InputError
 from nebosvod.observation.contracts import Array, Ephemeris, Rows
 from nebosvod.observation.measurement.astrometry import Observation
 from nebosvod.observation.spacecraft.kinds import Spacecraft, rtn_axes
 from nebosvod.observation.uncertainty.nuisance import AXES, Frame, check_frame, piecewise
 from nebosvod.observation.uncertainty.orbit_transition import transitions
-from nebosvod.observation.uncertainty.term import Common, Markov, Treatment, check_treatment, root
+from nebosvod.observation.uncertainty.term import Common, Markov, check_treatment, root
 
 
 @bordered_fields()

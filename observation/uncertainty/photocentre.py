@@ -5,12 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from nebosvod.borders.quantities import bordered_fields
+from nebosvod.borders.treatment import Treatment
 from nebosvod.errors import InputError
 from nebosvod.observation.contracts import Array, Ephemeris
 from nebosvod.observation.measurement.astrometry import Observation
 from nebosvod.observation.measurement.direction import angle_between
 from nebosvod.observation.uncertainty.nuisance import sigmas
-from nebosvod.observation.uncertainty.term import Common, Treatment, check_treatment
+from nebosvod.observation.uncertainty.term import Common, check_treatment
 
 
 def lambert_offset(phase_rad: Array) -> Array:

@@ -5,11 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from nebosvod.borders.quantities import bordered_fields
+from nebosvod.borders.treatment import Treatment
 from nebosvod.errors import InputError
 from nebosvod.observation.contracts import Array, Ephemeris
 from nebosvod.observation.measurement.astrometry import Observation
 from nebosvod.observation.uncertainty.nuisance import AXES, Frame, check_frame, diagonal, position_axes, sigmas
-from nebosvod.observation.uncertainty.term import Common, Markov, Treatment, White, check_treatment
+from nebosvod.observation.uncertainty.term import Common, Markov, White, check_treatment
 
 
 @bordered_fields()

@@ -6,14 +6,13 @@ its own truth, by the same numbers that describe it to the estimator.
 """
 
 from dataclasses import dataclass, field
-from typing import Literal, get_args
+from typing import get_args
 
 import numpy as np
 
+from nebosvod.borders.treatment import Treatment
 from nebosvod.errors import InputError
 from nebosvod.observation.contracts import Array, Rows
-
-Treatment = Literal["fixed", "ignored", "considered", "estimated"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

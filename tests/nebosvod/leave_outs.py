@@ -16,8 +16,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from nebosvod.borders.treatment import TREATMENTS
 from nebosvod.cli import main
-from nebosvod.mission.fields import TREATMENTS
 from nebosvod.mission.reading.builtin import builtin_path, template_text
 from nebosvod.mission.request import PARAMETER_GROUPS
 from nebosvod.mission.sources import GROUPS

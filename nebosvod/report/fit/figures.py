@@ -14,9 +14,9 @@ from nebosvod.report.kit.scale import calendar, linear, named
 from nebosvod.report.kit.wording import NBSP, count, number, quantity
 from nebosvod.results.folder import Array, Item, RunFolder
 from nebosvod.timescale import SECONDS_PER_DAY
+from nebosvod.units import ARCSEC
 
 Flags = npt.NDArray[np.bool_]
-ARCSEC = np.pi / 648000.0
 REACH = 1.25  # of the largest selected residual: what lies beyond is drawn at the edge
 STATIONS = 24  # drawn; the table has them all
 REJECTED: dict[str, Any] = {"color": VERMILION, "size": 3.4}

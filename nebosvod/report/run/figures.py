@@ -12,8 +12,8 @@ from nebosvod.report.kit.scale import calendar, linear, logarithmic
 from nebosvod.report.kit.wording import NBSP, count, finite, join, number, quantity
 from nebosvod.results.folder import Array, Item, RunFolder
 from nebosvod.timescale import SECONDS_PER_DAY
+from nebosvod.units import ARCSEC
 
-ARCSEC = np.pi / 648000.0
 UNDETERMINED_KM = 1.495978707e6  # 0.01 au: a larger position sigma says only that the orbit is not determined yet
 MANY = 30  # from so many measurements on, a root mean square says something of the noise model
 FORMAL: dict[str, Any] = {"stroke": VERMILION, "stroke_width": 1.4, "stroke_dasharray": "5 3"}
