@@ -192,7 +192,7 @@ def test_wrong_folders_are_exit_2_and_say_what_to_do(
     with pytest.raises(InputError, match="schema_version 2"):
         compare([first, other])
     (other / "summary.json").write_text("{", "utf-8")
-    with pytest.raises(InputError, match="cannot be read"):
+    with pytest.raises(InputError, match="is no JSON"):
         compare([first, other])
     (other / "summary.json").write_text('{"schema_version": 1}', "utf-8")
     with pytest.raises(InputError, match="lacks"):

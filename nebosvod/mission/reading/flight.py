@@ -10,7 +10,7 @@ from nebosvod.mission.spacecraft import SUN_RADIUS_KM
 from nebosvod.mission.target import Orbit
 
 GM_SUN_KM3_S2 = 1.32712440041e11  # of DE440
-MOST_STEPS = 8_000  # of one flight, as of `nebosvod.dynamics.impact`, which is not loaded for a number
+MOST_STEPS = 13_000  # of one flight, as of `nebosvod.dynamics.impact`, which is not loaded for a number
 STEPS_EACH = 17.2  # to a revolution, on a circle; more on an ellipse
 
 

@@ -203,7 +203,7 @@ def test_a_run_without_arrays_or_predictions_still_has_its_page(run_folder: Path
     ("name", "content", "said"),
     [
         ("summary.json", None, "not found"),
-        ("manifest.json", "{", "cannot be read"),
+        ("manifest.json", "{", "is no JSON"),
         ("summary.json", "[1]", "needs a JSON object"),
         ("summary.json", '{"schema_version": 2}', "schema_version 2"),
         ("summary.json", '{"schema_version": 1, "mission": "m"}', "estimators missing"),
