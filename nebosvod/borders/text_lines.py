@@ -46,4 +46,6 @@ def _numbered(path: Path, file: TextIO) -> Iterator[tuple[int, str]]:
             yield number, line
     except UnicodeDecodeError as error:
         byte = error.object[error.start]
-        raise DataError(f"{path.name}: byte 0x{byte:02X} after line {number} is not text in UTF-8") from None
+        where = f"after line {number}" if number else "in its first line"
+        text = f"{path.name}: byte 0x{byte:02X} {where} is not text in UTF-8; get the file again, or save it as UTF-8"
+        raise DataError(text) from None

@@ -15,6 +15,10 @@ def check(mission: str) -> int:
         from nebosvod.commands.check_fit_answer import describe_fit
 
         click.echo(describe_fit(loaded))
-    else:
-        click.echo(describe(loaded))
+        return 0
+    if any(getattr(telescope.orbit, "file", None) for telescope in loaded.telescopes):
+        from nebosvod.scene.instruments import telescopes
+
+        telescopes(loaded)  # files of orbits are opened: a damaged one is told before a run
+    click.echo(describe(loaded))
     return 0

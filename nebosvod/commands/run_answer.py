@@ -176,7 +176,7 @@ def _cautions(summary: Mapping[str, Any]) -> Iterator[str]:
         if true is not None and formal is not None and abs(true / formal - 1.0) > AGREE:
             yield (
                 f"caution: {row['name']} reports {_number(formal)} km where the true sigma is {_number(true)} km, "
-                f"{true / formal:.2f} times as large"
+                f"{true / formal:.2f} times as large{'' if true > formal else ': its own sigma is too large'}"
             )
     for warning in summary["warnings"]:
         yield f"warning: {warning}"

@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from nebosvod.dynamics import Encounter, TargetPlane, Trajectory, find_encounters, perigee_distance, target_plane
 from nebosvod.dynamics.encounter import relative_state
-from nebosvod.dynamics.impact import follow, gate, impact, osculating_perigee
+from nebosvod.dynamics.impact import follow, gate, impact, osculating_perigee, what_it_hits
 from nebosvod.dynamics.surface import height_km
 from nebosvod.engine.entry import Entry, entry_point
 from nebosvod.engine.quantity import Disc, Quantity, make_quantity, time_scale
@@ -213,6 +213,9 @@ def _others(scene: Scene, trajectory: Trajectory, request: EncounterPrediction) 
         wide = follow(start, scene.epoch, span, 0.0, trajectory.forces, False)
     except (EventError, CoverageError):
         wide = trajectory
+    hit = what_it_hits(wide) or what_it_hits(trajectory)
+    if hit is not None and 0.0 < hit.t_s < when:
+        return f"it hits {hit.body} on {hit.epoch.iso(request.near.scale, 0)} and ends there"
     events = [event for event in _events(wide, request.body) if abs(event[0].t_s - when) <= SEARCHED_S]
     around = [
         max((e for e in events if e[0].t_s < when), key=lambda e: e[0].t_s, default=None),

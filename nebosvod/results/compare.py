@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from nebosvod.borders.stored import held_together, read_object
+from nebosvod.borders.stored import held_together, read_arrays, read_object
 from nebosvod.errors import InputError
 from nebosvod.findings.kinds import kind_of
 from nebosvod.findings.outlook import answered, without_answer
@@ -58,6 +58,7 @@ def read_runs(folders: Sequence[Path]) -> list[Run]:
         require_run_folder(folder)
         summary, manifest = (read_object(folder / file) for file in ("summary.json", "manifest.json"))
         require_sound_summary(folder)
+        read_arrays(folder / "arrays.npz")
         label = name if names.count(name) == 1 else str(folder)
         versions = manifest.get("versions")
         program = str(versions.get("nebosvod", "unknown")) if isinstance(versions, dict) else "unknown"

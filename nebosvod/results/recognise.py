@@ -38,6 +38,8 @@ def not_a_run(path: Path) -> str:
         return _file(path)
     if (path / "campaign.json").is_file():
         return _validation(path)
+    if "manifest.json" not in missing and read_json(path / "manifest.json").get("outputs_sha256"):
+        return f"{', '.join(missing)} missing, which its manifest.json lists; make the run again"
     inside = sorted(one.name for one in path.iterdir() if all((one / name).is_file() for name in RUN_FILES))
     if inside:
         more = ", ..." if len(inside) > LISTED else ""

@@ -166,13 +166,16 @@ class OwnedFolder:
 
     def _refuse_what_is_in_the_way(self) -> None:
         refuse_link(self.shown, self.folder.lstat().st_mode)
+        owned = ownership(self.folder) if self.folder.is_dir() else None
+        if owned is None:
+            raise OutputError(
+                f"{self.shown}: exists already and is not a run folder of this program, which alone is replaced; "
+                "use -o for another folder"
+            )
         if not self._overwrite:
             raise OutputError(
                 f"{self.shown}: exists already; use --overwrite to replace that run, or -o for another folder"
             )
-        owned = ownership(self.folder) if self.folder.is_dir() else None
-        if owned is None:
-            raise OutputError(f"{self.shown}: exists and is not a run folder of this program, which alone is replaced")
         if not os.access(self.folder, os.W_OK | os.X_OK):
             raise OutputError(f"{self.shown}: cannot write here: it is read-only; choose another folder with -o")
         refuse_foreign(self.shown, owned)

@@ -234,9 +234,14 @@ def _warnings(scene: Scene, fits: Sequence[Fit], findings: Findings) -> list[str
             for parameter in scene.mission.free_parameters
             if parameter.treatment != "fixed" and scene.mission.treatment(fit.estimator, parameter.group) == "fixed"
         ]
+        fixed += [
+            source.name
+            for source in scene.sources.values()
+            if source.error.treatment != "fixed" and scene.mission.source_treatment(fit.estimator, source) == "fixed"
+        ]
         if fixed:
             said.append(
-                f"{fit.estimator.name} holds {', '.join(fixed)} fixed although the mission calls it uncertain: its "
+                f"{fit.estimator.name} holds {', '.join(fixed)} fixed although the mission calls that uncertain: its "
                 "error is missing from that estimator's accuracy (use ignored or considered to count it)"
             )
     return said

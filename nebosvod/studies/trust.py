@@ -59,6 +59,16 @@ class Claim:
     independent: bool
 
 
+NAMED = {  # the tests of no single direction, and what their number is
+    "nees": "NEES/6 (1 expected)",
+    "whitened": "variance of whitened component {component} (1 expected)",
+    "prediction": "NEES of a prediction (1 expected)",
+    "coverage": "share of errors inside their ellipsoid",
+    "cramer_von_mises": "Cramer-von Mises statistic of the NEES",
+    "nis": "NIS (1 expected)",
+}
+
+
 def judge(
     errors: Array, claim: Claim, directions: Sequence[Direction], state: Array, telescopes: Sequence[str], level: float
 ) -> dict[str, Any]:
@@ -212,7 +222,7 @@ def _arranged(rows: list[dict[str, Any]], squares: Array, size: int, runs: int, 
     grid = np.arange(1, QUANTILES + 1) / (QUANTILES + 1.0)
     return {
         "consistent": rejected == 0,
-        "verdict": verdict(directions, rejected, len(rows), runs),
+        "verdict": verdict(directions, rejected, len(rows), runs, failed(by), level),
         "family_level": level,
         "n_tests": len(rows),
         "n_rejected": rejected,
@@ -246,16 +256,38 @@ def _resolution(runs: int, level: float) -> float:
     return float(100.0 * (np.sqrt(stats.chi2.ppf(1.0 - 0.5 * level, runs) / runs) - 1.0))
 
 
-def verdict(directions: Sequence[Mapping[str, Any]], rejected: int, tests: int, runs: int) -> str:
+def failed(by: Mapping[str, Sequence[Mapping[str, Any]]]) -> list[str]:
+    """The tests of no single direction that were rejected, in words."""
+    said = []
+    for test, words in NAMED.items():
+        for row in by.get(test, ()):
+            if row["rejected"]:
+                what = words.format(**row) if "{" in words else words
+                said.append(f"{what} {row['value']:.3g}")
+    return said
+
+
+def verdict(
+    directions: Sequence[Mapping[str, Any]],
+    rejected: int,
+    tests: int,
+    runs: int,
+    others: Sequence[str] = (),
+    level: float = 0.01,
+) -> str:
     """One sentence: consistent, or which sigma is wrong, by how much and where; worst directions first."""
     if not rejected:
         return f"no sigma is wrong: all {tests} tests of {runs} runs passed"
     wrong = sorted((row for row in directions if row["rejected"]), key=lambda row: -abs(np.log(row["value"])))
+    chance = (
+        f"; one right covariance in {1.0 / level:.0f} fails so by chance, more --runs tell" if rejected == 1 else ""
+    )
     if not wrong:
-        return f"{rejected} of {tests} tests failed, none of them in a single direction"
+        listed = ", ".join(others[:4]) + (f" and {len(others) - 4} more" if len(others) > 4 else "")
+        return f"{rejected} of {tests} tests failed, none of them in a single direction: {listed}{chance}"
     said = [f"{amount(row['optimism_percent'])} {place(row)}" for row in wrong[:3]]
     more = f", and {len(wrong) - 3} more" if len(wrong) > 3 else ""
-    return "sigma is " + "; ".join(said) + more
+    return "sigma is " + "; ".join(said) + more + chance
 
 
 def amount(optimism_percent: float) -> str:

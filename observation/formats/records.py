@@ -257,17 +257,22 @@ def without_repeats(table: Astrometry) -> Astrometry:
     formats, say of one observation: equal within the coarser last digit. Of those the record that states its sigma is
     kept, else the one with more digits.
     """
-    twice = repeats.equal(_as_written(table))
-    if twice.size:
-        lines = ", ".join(table.place(row) for row in twice[:5].tolist())
-        notice = told("duplicate", twice.size, lines + (" and elsewhere" if twice.size > 5 else ""))
-        table = _without(table, twice.tolist(), notice)
-    across = repeats.alike(_as_written(table))
-    if across:
-        lines = ", ".join(f"{table.place(out)} as {table.place(kept)}" for out, kept in across[:5])
-        notice = told("again", len(across), lines + (" and elsewhere" if len(across) > 5 else ""))
-        table = _without(table, [out for out, _ in across], notice)
-    return table
+    # pairs of two files first, the nearest before others: an exact twin is never left aside for a copy that was changed
+    written = _as_written(table)
+    across, exact = repeats.alike(written), set(repeats.equal(written).tolist())
+    again = [(out, kept) for out, kept in across if out not in exact and kept not in exact]
+    twins = [out for out, kept in across if out in exact or kept in exact]
+    gone = {out for out, _ in across}
+    rest = np.array([row for row in range(len(table)) if row not in gone], dtype=np.int64)
+    twins = sorted(twins + rest[repeats.equal(_as_written(table.select(rest)))].tolist()) if exact else []
+    notices = []
+    if twins:
+        lines = ", ".join(table.place(row) for row in twins[:5])
+        notices.append(told("duplicate", len(twins), lines + (" and elsewhere" if len(twins) > 5 else "")))
+    if again:
+        lines = ", ".join(f"{table.place(out)} as {table.place(kept)}" for out, kept in again[:5])
+        notices.append(told("again", len(again), lines + (" and elsewhere" if len(again) > 5 else "")))
+    return _without(table, sorted({*twins, *(out for out, _ in again)}), notices) if notices else table
 
 
 def _as_written(table: Astrometry) -> repeats.Written:
@@ -287,9 +292,9 @@ def _as_written(table: Astrometry) -> repeats.Written:
     )
 
 
-def _without(table: Astrometry, rows: list[int], notice: str) -> Astrometry:
-    """The observations without some, counted as repeated, with a notice."""
+def _without(table: Astrometry, rows: list[int], notices: list[str]) -> Astrometry:
+    """The observations without some, counted as repeated, with notices."""
     keep = np.ones(len(table), dtype=np.bool_)
     keep[rows] = False
     counts = {**table.left_out, "duplicate": table.left_out.get("duplicate", 0) + len(rows)}
-    return replace(table.select(keep), left_out=MappingProxyType(counts), notices=(*table.notices, notice))
+    return replace(table.select(keep), left_out=MappingProxyType(counts), notices=(*table.notices, *notices))

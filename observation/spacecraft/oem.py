@@ -154,7 +154,8 @@ class _Reader:
         except ValueError:
             raise self.wrong(f'expected numbers, got "{" ".join(words)[:60]}"') from None
         if len(values) not in allowed or not all(map(math.isfinite, values)):
-            raise self.wrong(f"expected {' or '.join(map(str, allowed))} finite numbers, got {len(values)}")
+            expected = f"expected {' or '.join(map(str, allowed))} finite numbers, got {len(values)}"
+            raise self.wrong(f"{expected}; the file may be cut short: get it again")
         return values
 
     def _state(self, line: str, meta: dict[str, str]) -> Iterable[float]:

@@ -78,3 +78,10 @@ def test_a_headline_of_an_ellipse_that_misleads_says_so(tmp_path, minimal):
     headline = page[page.index('<section id="verdict"') :].split("</h2>")[0]
     assert misleads == ("linear ellipse, which misleads here" in headline)
     assert misleads
+
+
+def test_a_source_that_an_estimator_holds_fixed_is_told(tmp_path, minimal):
+    """Its true sigma lacks the error of that source; the parameters of the orbit were told, those of telescopes not."""
+    text = minimal + "estimators: [{name: blind, method: batch_qr, treatment: {bias: fixed}}]\n"
+    _, found = summary_of(tmp_path, text)
+    assert any("blind holds bias ahead, bias behind fixed although" in warning for warning in found["warnings"])
