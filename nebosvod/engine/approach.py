@@ -213,9 +213,6 @@ def _others(scene: Scene, trajectory: Trajectory, request: EncounterPrediction) 
         wide = follow(start, scene.epoch, span, 0.0, trajectory.forces, False)
     except (EventError, CoverageError):
         wide = trajectory
-    hit = what_it_hits(wide) or what_it_hits(trajectory)
-    if hit is not None and 0.0 < hit.t_s < when:
-        return f"it hits {hit.body} on {hit.epoch.iso(request.near.scale, 0)} and ends there"
     events = [event for event in _events(wide, request.body) if abs(event[0].t_s - when) <= SEARCHED_S]
     around = [
         max((e for e in events if e[0].t_s < when), key=lambda e: e[0].t_s, default=None),
@@ -225,4 +222,8 @@ def _others(scene: Scene, trajectory: Trajectory, request: EncounterPrediction) 
         f"{event.epoch.iso(request.near.scale, 0)} ({'an impact' if hits else f'{event.distance_km:.4g} km'})"
         for event, hits in (one for one in around if one is not None)
     ]
+    hit = what_it_hits(wide) or what_it_hits(trajectory)
+    if hit is not None and 0.0 < hit.t_s < when and not any(one is not None and one[1] for one in around):
+        ended = f"the orbit hits {hit.body} on {hit.epoch.iso(request.near.scale, 0)} and ends there"
+        return f"the nearest: {' and '.join(said)}; {ended}" if said else ended
     return f"the nearest: {' and '.join(said)}" if said else "there is none within a year; change near or body"
