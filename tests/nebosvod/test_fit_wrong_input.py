@@ -5,11 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from nebosvod.cli import app, main
+from nebosvod.cli import main
 from nebosvod.errors import InputError
 from nebosvod.observation.formats.reading import read_astrometry
 
-needs_fit = pytest.mark.skipif("fit" not in app.commands, reason="the program has no command fit")
 COLUMNS = (
     "permID|provID|stn|sys|ctr|pos1|pos2|pos3|posCov11|posCov22|posCov33|"
     "obsTime|rmsTime|ra|dec|rmsRA|rmsDec|rmsCorr|mag"
@@ -226,13 +225,11 @@ def test_a_file_that_cannot_be_read_is_named(what: str, tmp_path: Path) -> None:
         read_astrometry(path)
 
 
-@needs_fit
 def test_nebosvod_fit_refuses_a_missing_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["fit", str(tmp_path / "no.psv")]) == 2
     assert f"{tmp_path / 'no.psv'}: no such file" in capsys.readouterr().err
 
 
-@needs_fit
 @pytest.mark.parametrize("name", CASES)
 def test_nebosvod_fit_refuses_the_file_with_the_same_words(
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -246,7 +243,6 @@ def test_nebosvod_fit_refuses_the_file_with_the_same_words(
     assert not (tmp_path / "out").exists()
 
 
-@needs_fit
 def test_two_objects_in_one_fit_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "two.psv"
     path.write_text(PSV.replace("3666||G96", "433||G96"), "utf-8")
