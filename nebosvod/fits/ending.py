@@ -6,7 +6,7 @@ from typing import cast
 
 import numpy as np
 import numpy.typing as npt
-from scipy.stats import chi2 as chi_square
+from scipy.special import chdtrc, chdtri
 
 from nebosvod.dynamics.elements import state_to_cometary
 from nebosvod.errors import counted
@@ -95,11 +95,11 @@ def _misfit(general: General) -> tuple[float, float, str]:
         return 1.0, 1.0, ""
     times = estimate.chi2 / freedom
     return (
-        float(chi_square.sf(estimate.chi2, freedom)),
+        float(chdtrc(freedom, estimate.chi2)),
         times,
         (
             f"chi squared is {estimate.chi2:.4g} for {counted(freedom, 'degree')} of freedom, where chance leads above "
-            f"{chi_square.isf(DOUBTED, freedom):.4g} once in {1.0 / DOUBTED:.0f}: the sigmas are too small, "
+            f"{chdtri(freedom, DOUBTED):.4g} once in {1.0 / DOUBTED:.0f}: the sigmas are too small, "
             f"as if by a factor of {np.sqrt(times):.2g}"
         ),
     )

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.stats import chi2 as chi_square
+from scipy.special import chdtr
 
 from nebosvod.errors import counted
 from nebosvod.fits import missing_force, shared_errors
@@ -104,7 +104,7 @@ def notices(found: Led, general: General) -> Iterator[str]:
     if freedom <= 0:
         return
     chi2 = float(np.sum(v**2))
-    if chi2 < GENEROUS * freedom and chi_square.cdf(chi2, freedom) < RARE:
+    if chi2 < GENEROUS * freedom and chdtr(freedom, chi2) < RARE:
         yield (
             f"the residuals are smaller than the weights expect, chi squared {chi2:.3g} for "
             f"{counted(freedom, 'degree')} of freedom before nights are thinned: stated sigmas may be "

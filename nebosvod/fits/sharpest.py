@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.stats import chi2 as chi_square
+from scipy.special import chdtrc
 
 from nebosvod.dynamics import ForceModel
 from nebosvod.errors import CoverageError, EventError, InputError
@@ -96,7 +96,7 @@ def _scattered(
     """A station whose records scatter by more than they state, whatever gross errors are among them."""
     part, size = sky.select(rows), len(alone.correction.x)
     kept, freedom = _scatter(part, alone, mine, size)
-    if freedom < SPARE / 2 or chi_square.sf(kept, freedom) > UNTRUE:
+    if freedom < SPARE / 2 or chdtrc(freedom, kept) > UNTRUE:
         return None
     chi2, freedom = _scatter(part, every, mine, size)
     times = float(np.sqrt(chi2 / freedom))

@@ -244,3 +244,10 @@ def test_a_closed_pipe_is_not_an_error() -> None:
     )
     assert "Traceback" not in done.stderr
     assert done.stdout.startswith("{")
+
+
+def test_a_run_does_not_load_what_only_fits_and_campaigns_need(tmp_path: Path) -> None:
+    """scipy.stats alone is a quarter of a second."""
+    folder = str(tmp_path / "run")
+    loaded = modules_after(f"from nebosvod.cli import main\nassert main(['run', 'minimal', '-o', {folder!r}]) == 0")
+    assert not {name for name in loaded if name.split(".")[:2] == ["scipy", "stats"]}
