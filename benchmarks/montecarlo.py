@@ -14,7 +14,6 @@ import numpy as np
 from nebosvod.engine.assembly import computed_psi, nominal_point, view
 from nebosvod.engine.trial import Setting, generator, measured_truth
 from nebosvod.mission import load_mission
-from nebosvod.observation import residual
 from nebosvod.scene.prior import prior_table
 from nebosvod.scene.scene import build_scene
 from nebosvod.studies.validation import validate
@@ -42,7 +41,7 @@ def measured(name: str, runs: int) -> str:
     (estimating,) = setting.estimating
     ready = time.perf_counter() - started
     started = time.perf_counter()
-    residuals = np.array([residual(measured_truth(setting, generator(0, i))[0], computed) for i in range(100)])
+    residuals = np.array([measured_truth(setting, computed, generator(0, i))[0] for i in range(100)])
     drawing = (time.perf_counter() - started) / 100
     started = time.perf_counter()
     means = estimating.means(residuals)

@@ -69,7 +69,7 @@ def run(mission: Mission, seed: int = 0, progress: Callable[[str], None] | None 
     fits = []
     for estimator in mission.estimators:
         say(f"estimating: {estimator.name}")
-        fits.append(judged(scene, fit(scene, estimator, nominal, truth.psi, priors)))
+        fits.append(judged(scene, fit(scene, estimator, nominal, truth.psi, truth.priors)))
     say("predicting")
     foretold = {one.estimator.name: foretell(scene, one) for one in fits}
     samples = _samples(scene, nominal, priors, fits, seed, say)

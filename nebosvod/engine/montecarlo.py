@@ -18,7 +18,6 @@ from nebosvod.engine.trial import LINEAR_SIGMA, Setting, generator, iterated, me
 from nebosvod.estimation import Estimate
 from nebosvod.estimation.problem.square_root import lower_factor, solve_square
 from nebosvod.mission import Estimator
-from nebosvod.observation import residual
 from nebosvod.scene.point import View
 from nebosvod.scene.prior import STATE_NAMES, PriorTable
 from nebosvod.scene.scene import Scene
@@ -144,10 +143,9 @@ def _linear(setting: Setting, runs: int, seed: int, tell: Callable[[int], None])
     errors = [np.empty((runs, len(known))) for known in names]
     for i in range(runs):
         tell(i)
-        psi, truth = measured_truth(setting, generator(seed, i))
-        v = residual(psi, computed)[None]
+        v, truth = measured_truth(setting, computed, generator(seed, i))
         for one, known, fixed, rows in zip(estimating, names, assumed, errors):
-            rows[i] = np.append(one.means(v)[0], fixed) - np.array([truth[name] for name in known])
+            rows[i] = np.append(one.means(v[None])[0], fixed) - np.array([truth[name] for name in known])
     return [
         Sample(
             names=known,

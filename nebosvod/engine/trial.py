@@ -123,20 +123,35 @@ class Setting:
         fixed = frozenset(one.name for one in scene.mission.free_parameters if one.treatment == "fixed")
         return cls(scene=scene, priors=priors, nominal=nominal, estimating=found, fixed=fixed)
 
+    def moved(self, off: Mapping[str, float]) -> Array:
+        """What deviations of state and parameters do to the measurements (n, 2), to first order.
+
+        To an estimator that takes one linear step a prior mean that is off is a truth that is, measured so.
+        """
+        seen = self.nominal.observation
+        state, parameters = (
+            np.array([off.get(name, 0.0) for name in names]) for names in (STATE_NAMES, seen.parameter_names)
+        )
+        return np.asarray(seen.H_x0 @ state + seen.H_c @ parameters)
+
 
 def generator(seed: int, run: int) -> np.random.Generator:
     """The random numbers of one run, whoever computes it."""
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(run,)))
 
 
-def measured_truth(setting: Setting, rng: np.random.Generator) -> tuple[Array, Mapping[str, float]]:
-    """Draw one truth and measure it: directions (n, 2), and every true value as a deviation from the nominal point."""
+def measured_truth(setting: Setting, computed: Array, rng: np.random.Generator) -> tuple[Array, Mapping[str, float]]:
+    """Draw one truth and measure it: residuals (n, 2), and every true value as a deviation from the nominal point.
+
+    Parameters
+    ----------
+    computed : shape (n, 2), directions at the nominal point (`computed_psi`), from which residuals count.
+    """
     nominal = setting.nominal
     values = nominal.point.values
     truth = dict.fromkeys(values, 0.0)
-    truth |= {
-        name: value - values[name] for name, value in setting.priors.draw(rng).items() if name not in setting.fixed
-    }
+    near, far = setting.priors.parted(setting.priors.draw(rng))
+    truth |= {name: value - values[name] for name, value in near.items() if name not in setting.fixed}
     drawn = draw_truth(nominal.terms, rng)
     for term in nominal.terms:
         if isinstance(term, Common):
@@ -149,7 +164,8 @@ def measured_truth(setting: Setting, rng: np.random.Generator) -> tuple[Array, M
         parameters_deviation=np.array([truth[name] for name in nominal.observation.parameter_names]),
         noise=draw_noise(nominal.observation.noise, rng),
     )
-    return psi, truth
+    off = {name: value for name, value in far.items() if name not in setting.fixed}
+    return residual(psi, computed) + setting.moved(off), truth | {n: truth[n] + value for n, value in off.items()}
 
 
 def possible(setting: Setting, rng: np.random.Generator) -> Truth | None:
@@ -182,7 +198,7 @@ class Trial:
 
 def iterated(setting: Setting, one: Estimating, truth: Truth) -> Trial | None:
     """Estimate a truth from the prior to convergence; None if the iteration does not converge."""
-    ended = converge(setting.scene, one.estimator, setting.nominal, truth.psi, setting.priors)
+    ended = converge(setting.scene, one.estimator, setting.nominal, truth.psi, truth.priors)
     estimate = ended.found.estimate
     if str(ended.found.status) != "converged":
         return None
@@ -215,7 +231,8 @@ def second_order(setting: Setting, seed: int) -> float:
             continue
         for number, one in enumerate(kinds.values()):
             if one.reference.solution is not None:
-                linear = one.means(residual(truth.psi, computed)[None])[0]
+                linear = one.means((residual(truth.psi, computed) + setting.moved(truth.off))[None])[0]
+                linear = linear - np.array([truth.off.get(name, 0.0) for name in one.reference.names])
                 squares.setdefault(number, []).append(_short_of(setting, one, truth, linear) ** 2)
     return max((float(np.sqrt(np.mean(found))) for found in squares.values()), default=0.0)
 
@@ -226,7 +243,7 @@ def _short_of(setting: Setting, one: Estimating, truth: Truth, linear: Array) ->
     deviation = dict(zip(one.reference.names, linear.tolist()))
     try:
         seen = view(scene, start.moved(deviation), simulates=False)
-        problem = linear_problem(scene, one.estimator, seen, truth.psi, setting.priors, about=start)
+        problem = linear_problem(scene, one.estimator, seen, truth.psi, truth.priors, about=start)
         estimate = SOLVERS[one.estimator.method](recentred(problem, deviation))
     except (InputError, CoverageError, EventError):
         return np.inf

@@ -24,21 +24,27 @@ class Truth:
     point : true state, parameters and common nuisances.
     nuisances : draws by source, (k,) for common ones, (r, q) for those of each exposure.
     psi : (n, 2) measured RA and Dec, rad.
+    off : how far the means of priors that say next to nothing lie above what they were drawn to be, by parameter.
+    priors : what is known beforehand in this truth.
     """
 
     point: Point
     nuisances: Mapping[str, Array]
     psi: Array
+    off: Mapping[str, float]
+    priors: PriorTable
 
 
 def draw(scene: Scene, priors: PriorTable, rng: np.random.Generator) -> Truth:
-    """Draw a truth about the prior means and measure it.
+    """Draw a truth about the prior means and measure it; of priors that say next to nothing, the means about the truth.
 
     Parameters and state without a prior, and those the mission holds fixed, keep their nominal values.
     """
     fixed = {parameter.name for parameter in scene.mission.free_parameters if parameter.treatment == "fixed"}
     nominal = nominal_point(scene)
-    drawn = {name: value for name, value in priors.draw(rng).items() if name not in fixed}
+    near, far = priors.parted(priors.draw(rng))
+    drawn = {name: value for name, value in near.items() if name not in fixed}
+    off = {name: value for name, value in far.items() if name not in fixed}
     values = nominal.values
     moved = nominal.moved({name: value - values[name] for name, value in drawn.items()})
     seen = view(scene, moved)
@@ -54,4 +60,6 @@ def draw(scene: Scene, priors: PriorTable, rng: np.random.Generator) -> Truth:
         point=Point(state=moved.state, parameters=moved.parameters, nuisances=common),
         nuisances=nuisances,
         psi=measure(seen.observation, seen.terms, nuisances, noise=noise),
+        off=off,
+        priors=priors.moved(off),
     )

@@ -200,8 +200,8 @@ def _assumptions(scene: Scene) -> list[str]:
 
 
 def _unknown_prior(priors: PriorTable) -> list[str]:
-    """That the simulated truth is not drawn from a prior as wide as the orbit itself."""
-    words = "the prior orbit is as wide as the orbit itself: it counts, and the simulated truth is the nominal orbit"
+    """That of a prior as wide as the orbit itself the mean is drawn and not the truth."""
+    words = "the prior orbit is as wide as the orbit itself: its mean is off, and the simulated truth the nominal orbit"
     return [words] if priors.says_nothing else []
 
 

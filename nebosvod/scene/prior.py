@@ -28,7 +28,7 @@ STATE_NAMES = ("x_km", "y_km", "z_km", "vx_km_s", "vy_km_s", "vz_km_s")
 # the names of a prior covariance in the order of `cometary_to_state` and of a state
 COMETARY_NAMES = ("e", "q", "tp", "node", "peri", "i")
 CARTESIAN_NAMES = ("x", "y", "z", "vx", "vy", "vz")
-TOO_WIDE = 0.1  # sigma of position over the distance from the Sun, or of velocity over the speed; see PriorTable.draw
+TOO_WIDE = 0.1  # sigma of position over the distance from the Sun, or of velocity over the speed; see PriorTable.parted
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -51,23 +51,42 @@ class PriorTable:
         )
 
     def draw(self, rng: np.random.Generator) -> dict[str, float]:
-        """A truth for every parameter that has a prior.
-
-        A prior orbit as wide as the orbit itself means "unknown", not that the object may be anywhere: of the states
-        it would draw most are of no object that these telescopes see. There the truth is the mean, as without a prior.
-        """
+        """A truth for every parameter that has a prior."""
         truth: dict[str, float] = {}
         if not self._factors:  # the same for every draw
             self._factors.extend(_factor(covariance) for _, _, _, covariance in self.entries)
         for (_, names, mean, _), factor in zip(self.entries, self._factors):
-            drawn = factor @ rng.standard_normal(len(names))
-            truth.update(zip(names, (mean + (0.0 if _says_nothing(names, mean, factor) else drawn)).tolist()))
+            truth.update(zip(names, (mean + factor @ rng.standard_normal(len(names))).tolist()))
         return truth
 
     @property
     def says_nothing(self) -> bool:
-        """Whether there is a prior orbit so wide that truths are not drawn from it."""
-        return any(_says_nothing(names, mean, _factor(covariance)) for _, names, mean, covariance in self.entries)
+        """Whether a prior orbit is as wide as the orbit itself."""
+        return any(_says_nothing(*entry) for entry in self.entries)
+
+    def parted(self, truth: Mapping[str, float]) -> tuple[dict[str, float], dict[str, float]]:
+        """A drawn truth, where a prior is as wide as the orbit itself at its mean; and how far that was off.
+
+        Such a prior means "unknown", not that the object may be anywhere: most of the orbits it would draw are of no
+        object that these telescopes see. The mean of the prior is then off instead (`moved`), which is as likely.
+        """
+        near, off = dict(truth), dict[str, float]()
+        for entry in self.entries:
+            if _says_nothing(*entry):
+                off |= {name: truth[name] - value for name, value in zip(entry[1], entry[2].tolist())}
+                near |= dict(zip(entry[1], entry[2].tolist()))
+        return near, off
+
+    def moved(self, off: Mapping[str, float]) -> "PriorTable":
+        """The priors with means less by these values; themselves where there are none."""
+        if not off:
+            return self
+        return PriorTable(
+            entries=tuple(
+                (name, names, mean - np.array([off.get(one, 0.0) for one in names]), covariance)
+                for name, names, mean, covariance in self.entries
+            )
+        )
 
     def sigma(self, name: str) -> float | None:
         """The prior standard deviation of one parameter; None = no prior."""
@@ -78,11 +97,11 @@ class PriorTable:
         return None
 
 
-def _says_nothing(names: tuple[str, ...], mean: Array, factor: Array) -> bool:
+def _says_nothing(_: str, names: tuple[str, ...], mean: Array, covariance: Array) -> bool:
     """Whether an entry is of the orbit, and as wide as the orbit itself."""
     if names[:6] != STATE_NAMES:
         return False
-    sigma = np.linalg.norm(factor[:6], axis=1)
+    sigma = np.sqrt(np.diag(covariance)[:6])
     limits = TOO_WIDE * np.linalg.norm(mean[:6].reshape(2, 3), axis=1)
     return bool(np.any(sigma.reshape(2, 3) > limits[:, None]))
 

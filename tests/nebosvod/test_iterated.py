@@ -291,12 +291,12 @@ def test_drawn_truths_hold_means_lognormal_joint_orbit_and_shared_errors_as_a_de
         skies = []
         for i in range(runs):
             if linear:
-                skies.append(measured_truth(setting, generator(SEED, i))[0])
+                skies.append(measured_truth(setting, nominal, generator(SEED, i))[0])
             else:
                 truth = possible(setting, generator(SEED, i))
                 assert truth is not None
-                skies.append(truth.psi)
-        residuals = np.array([residual(psi, nominal).ravel() for psi in skies])
+                skies.append(residual(truth.psi, nominal))
+        residuals = np.array([one.ravel() for one in skies])
         white = np.linalg.solve(factor, (residuals - mean).T)
         assert np.abs(white.mean(axis=1)).max() < stats.norm.ppf(1.0 - 0.001 / 56) / np.sqrt(runs)
         low, high = stats.chi2.ppf([0.001 / 56, 1.0 - 0.001 / 56], runs)

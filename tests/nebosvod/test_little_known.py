@@ -44,6 +44,20 @@ def test_a_prior_as_wide_as_the_orbit_is_no_prior(tmp_path, minimal, position, v
     assert any("as wide as the orbit itself" in warning for warning in found["warnings"])
 
 
+@pytest.mark.parametrize("options", [[], ["--full"]], ids=["linear", "full"])
+@pytest.mark.parametrize("prior", ["position: 20 km, velocity: 4 km/s", "position: 1e12 km, velocity: 0.1 m/s"])
+def test_a_prior_of_which_a_part_says_nothing_is_right_about_the_rest(tmp_path, minimal, prior, options, capsys):
+    """Two hours: what the narrow part of the prior says is most of what is known, so truths must err as it does."""
+    arc = "end: 2028-04-19T00:00:00 TDB, cadence: 1 d"
+    text = minimal.replace(arc, "end: 2028-03-20T02:00:00 TDB, cadence: 20 min")
+    (tmp_path / "m.yaml").write_text(f"{text}prior: {{sigma: {{{prior}}}}}\n", "utf-8")
+    runs = "60" if options else "400"
+    code = main(
+        ["validate", str(tmp_path / "m.yaml"), "-n", runs, "-o", str(tmp_path / "v"), "--workers", "1", *options]
+    )
+    assert code == 0, capsys.readouterr().out
+
+
 def test_an_arc_that_does_not_tell_the_distance_is_no_answer(tmp_path, minimal, capsys):
     """An hour from one place: 0.19 au with a sigma of 12 au."""
     code, found = summary_of(tmp_path, alone(minimal, 1, 10))
