@@ -109,7 +109,8 @@ def gauss_newton(
             grown = costs[-1] > allowed * (1.0 + GROWTH) + GROWTH
             status = Status.DIVERGED if grown else Status.CONVERGED
             break
-        found = _damped(linearise, point, problem, estimate) if damped else _tried(linearise, point, problem, estimate)
+        begun = (linearise, point, problem, estimate)
+        found = _damped(*begun, costs[-1]) if damped else _tried(*begun)
         if found is None:
             status = Status.DIVERGED
             break
@@ -184,10 +185,9 @@ def _linear_cost(problem: LinearProblem, estimate: Estimate) -> float:
 
 
 def _damped(
-    linearise: Linearise, point: Mapping[str, float], start: LinearProblem, estimate: Estimate
+    linearise: Linearise, point: Mapping[str, float], start: LinearProblem, estimate: Estimate, before: float
 ) -> tuple[dict[str, float], LinearProblem, float, float] | None:
     """Halve the step until the cost drops enough; None when no step does."""
-    before = cost(recentred(start, point))
     # Along the exact descent the cost falls from `before` towards the linear minimum.
     promised = max(before - estimate.chi2, 0.0)
     fraction = 1.0

@@ -11,7 +11,7 @@ from rich.table import Table
 
 from nebosvod.errors import counted
 from nebosvod.findings.outlook import answered, event_words, impact_sentences, unanswered_sentences
-from nebosvod.report.kit.facts import earlier_orbit
+from nebosvod.report.kit.facts import earlier_orbit, grouped
 from nebosvod.timescale import Epoch
 
 BUDGET_ROWS = 6
@@ -111,8 +111,9 @@ def _predictions(summary: Mapping[str, Any]) -> Iterator[str]:
             continue
         unit = next(key.removeprefix("semi_axes_") for key in row if key.startswith("semi_axes_"))
         axes = " x ".join(_number(axis) for axis in row[f"semi_axes_{unit}"])
-        kinds = _by_kind(row["budget"], summary["telescopes"])[:BLAMED]
-        blame = ", ".join(f"{kind} {_percent(share)}" for kind, share in kinds)
+        shares = [(part["source"], part["share_total"]) for part in row["budget"]]
+        kinds = grouped(shares, summary["telescopes"])[:BLAMED]
+        blame = ", ".join(f"{kind} {_percent(share)}" for kind, share, _ in kinds)
         yield f"  {row['name']} ({row['plane']}): {axes} {UNITS.get(unit, unit)}; {blame}"
         if event_words(row):
             yield f"    {event_words(row)}"
@@ -126,16 +127,6 @@ def _predictions(summary: Mapping[str, Any]) -> Iterator[str]:
 def _each(values: Sequence[float], unit: str) -> str:
     """Components in brackets, with their unit."""
     return f"({', '.join(_number(value) for value in values)}) {UNITS.get(unit, unit)}"
-
-
-def _by_kind(budget: Sequence[Mapping[str, Any]], telescopes: Sequence[str]) -> list[tuple[str, float]]:
-    """Shares added over the telescopes, largest first."""
-    total: dict[str, float] = {}
-    for part in budget:
-        names = [name for name in telescopes if part["source"].endswith(f" {name}")]
-        kind = part["source"].removesuffix(f" {names[0]}") if names else part["source"]
-        total[kind] = total.get(kind, 0.0) + part["share_total"]
-    return sorted(total.items(), key=lambda item: -item[1])
 
 
 def _percent(share: float) -> str:

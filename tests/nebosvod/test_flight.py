@@ -110,3 +110,21 @@ def test_an_orbit_about_the_earth_is_given_up_where_its_steps_would_fill_the_mem
     text = text.replace("end: 2028-04-19", "end: 2028-05-19")
     with pytest.raises(EventError, match=rf"gives up .* after the {MOST_STEPS} steps it may take .* centre of earth"):
         build_scene(load_mission_text(text))
+
+
+def test_what_the_mission_says_of_steps_is_what_the_stages_do() -> None:
+    """The stages are not loaded for two numbers; they stand twice, and must be the same."""
+    from nebosvod.dynamics import impact, integrator
+    from nebosvod.mission.reading import flight
+
+    assert flight.MOST_STEPS == impact.MOST_STEPS
+    assert flight.LARGEST_STEP_S == integrator.LARGEST_STEP_S
+
+
+def test_an_orbit_far_out_takes_the_longest_steps_and_no_longer() -> None:
+    """Its 17 steps to a revolution of 90 years would be five years each; the integrator makes them 20 days."""
+    text = of_orbit("a: 20 au, e: 0.1, i: 2 deg, node: 0 deg, peri: 0 deg, M: 0 deg")
+    text = text.replace("at: 2028-04-29", "at: 2048-04-29")
+    mission = load_mission_text(text)
+    taken = len(build_scene(mission).trajectory._table.edges) - 1
+    assert steps(mission) == pytest.approx(taken, rel=0.15)

@@ -146,3 +146,16 @@ def test_a_value_at_the_end_of_its_interval_has_the_p_value_of_the_interval() ->
 )
 def test_amounts_are_said_plainly(percent: float, words: str) -> None:
     assert amount(percent) == words
+
+
+def test_a_failure_in_no_single_direction_is_named_with_its_number() -> None:
+    """Every variance is right, but the errors come in bursts: half of them 0.2, half 1.4 times as large as they should."""
+    factor = factor_of(4)
+    errors, nis = draws(5, factor, 1000)
+    size = np.where(np.random.default_rng(6).random(1000) < 0.5, 0.2, np.sqrt(2.0 - 0.04))
+    found = judged(errors * size[:, None], factor, nis)
+    assert not found["consistent"]
+    assert "none of them in a single direction: " in str(found["verdict"])
+    shares = [row for row in found["coverage"] if row["rejected"]]  # type: ignore[attr-defined]
+    assert shares
+    assert f"share of errors inside their ellipsoid {shares[0]['value']:.3g}" in str(found["verdict"])

@@ -12,6 +12,8 @@ from nebosvod.mission.target import Orbit
 GM_SUN_KM3_S2 = 1.32712440041e11  # of DE440
 MOST_STEPS = 13_000  # of one flight, as of `nebosvod.dynamics.impact`, which is not loaded for a number
 STEPS_EACH = 17.2  # to a revolution, on a circle; more on an ellipse
+YEAR_S = 365.25 * 86400.0
+LARGEST_STEP_S = 20.0 * 86400.0  # as of `nebosvod.dynamics.integrator`: far from the Sun steps are no longer
 
 
 def size_km(orbit: Orbit) -> tuple[float, float]:
@@ -45,11 +47,18 @@ def flights_s(mission: Mission) -> tuple[float, float]:
 
 
 def steps(mission: Mission) -> float:
-    """About how many steps of the integration the longer flight takes, from its revolutions."""
+    """About how many steps of the integration the longer flight takes, from its revolutions and the longest step."""
+    flown, around = flown_s(mission)
+    return max(STEPS_EACH * around, flown / LARGEST_STEP_S)
+
+
+def flown_s(mission: Mission) -> tuple[float, float]:
+    """How long the longer flight is, and how many revolutions it makes; an orbit into the Sun makes one at most."""
     q, a = size_km(mission.object.orbit)
     period = 2.0 * math.pi * math.sqrt(a / GM_SUN_KM3_S2) * a
-    around = max(flights_s(mission)) / period
-    return STEPS_EACH * (around if q >= SUN_RADIUS_KM else min(around, 1.0))  # else the first perihelion ends it
+    flown = max(flights_s(mission))
+    flown = flown if q >= SUN_RADIUS_KM else min(flown, period)
+    return flown, flown / period
 
 
 def complaints(mission: Mission) -> Iterator[tuple[KeyPath, str]]:
@@ -61,8 +70,10 @@ def complaints(mission: Mission) -> Iterator[tuple[KeyPath, str]]:
         text = f"starts inside the Sun (got {r:.6g} km from its centre; allowed from {SUN_RADIUS_KM:.0f} km)"
         yield place, f"{text}; check the units of its elements and its epoch"
     elif not isinstance(mission, FitMission) and (count := steps(mission)) > MOST_STEPS:
-        around = count / STEPS_EACH
-        text = f"goes round the Sun {around:,.0f} times between the epochs of the mission, some {count:,.0f} steps of"
+        flown, around = flown_s(mission)
+        often = f"goes round the Sun {around:,.0f} times"
+        how = often if STEPS_EACH * around == count else f"is flown over {flown / YEAR_S:,.0f} years"
+        text = f"{how} between the epochs of the mission, some {count:,.0f} steps of"
         yield (
             place,
             f"{text} the integration (allowed {MOST_STEPS:,}); bring its epoch, the schedule and the predictions "
