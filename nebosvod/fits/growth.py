@@ -8,11 +8,10 @@ import numpy as np
 import numpy.typing as npt
 
 from nebosvod.dynamics import ForceModel
-from nebosvod.errors import CoverageError, EventError, InputError
 from nebosvod.estimation import Status
 from nebosvod.estimation.solvers.rejection import Thresholds
 from nebosvod.fits.correction import Knowledge
-from nebosvod.fits.selection import Selected, select
+from nebosvod.fits.selection import Selected, attempted, select
 from nebosvod.observation.measurement.exposures import Sky
 
 Array = npt.NDArray[np.float64]
@@ -50,7 +49,9 @@ def grow(
     last: Selected | None = None
     inside = distance <= half
     while True:
-        found = _attempt(sky.select(inside), x, forces, thresholds, prior)
+        found = attempted(sky.select(inside), x, forces, thresholds, prior)
+        if found is not None and found.correction.status is Status.NOT_OBSERVABLE:
+            found = None  # the orbit before it is kept
         if found is not None:
             last, x = found, found.correction.x
         if inside.all():
@@ -60,14 +61,3 @@ def grow(
     if last is None or found is None:
         return select(sky, x, forces, thresholds, prior=prior)
     return last
-
-
-def _attempt(
-    sky: Sky, x: Array, forces: ForceModel, thresholds: Thresholds | None, prior: Knowledge | None
-) -> Selected | None:
-    """A fit of part of the sky; None where it leads nowhere, so that the orbit before it is kept."""
-    try:
-        found = select(sky, x, forces, thresholds, prior=prior)
-    except (EventError, CoverageError, InputError):
-        return None
-    return None if found.correction.status is Status.NOT_OBSERVABLE else found

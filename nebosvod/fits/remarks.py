@@ -1,6 +1,6 @@
 """What the tests of a fit found, in words: missing forces, shared errors, whole stations rejected, sigmas too large."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -8,10 +8,10 @@ import numpy.typing as npt
 from scipy.special import chdtr
 
 from nebosvod.errors import counted
-from nebosvod.fits import missing_force, shared_errors
+from nebosvod.fits import missing_force
 from nebosvod.fits.general import General
 from nebosvod.fits.leading import NOTE, Led
-from nebosvod.fits.shared_errors import LEAST, SharedError, dates, parts
+from nebosvod.fits.shared_errors import LEAST, SharedError, parts
 from nebosvod.fits.suggestion import entry, flow
 from nebosvod.scene.material import Material
 from nebosvod.units import ARCSEC
@@ -42,7 +42,7 @@ def told(one: SharedError, material: Material) -> str:
     """A shared error as a clause."""
     utc = material.astrometry.utc
     rows = one.rows[np.argsort(material.astrometry.t_s[one.rows])]
-    return shared_errors.words(one, (str(utc[rows[0]]), str(utc[rows[-1]])))
+    return words(one, (str(utc[rows[0]]), str(utc[rows[-1]])))
 
 
 def _treated(found: Led, one: SharedError) -> str:
@@ -127,3 +127,31 @@ def _deserted(material: Material, general: General) -> Iterator[str]:
                 said[part] = True
                 when = dates(str(records.utc[rows[part[0]]]), str(records.utc[rows[part[-1]]]))
                 yield f"every one of {counted(len(part), 'record')} of {code}{when} was rejected"
+
+
+def words(one: SharedError, date: Sequence[str]) -> str:
+    """The shared error as a clause: what, how large, how sure.
+
+    Parameters
+    ----------
+    date : of the first and the last record.
+    """
+    unit = {"clock": "s", "drift": "arcsec/d"}.get(one.kind, "arcsec")
+    pairs = ", ".join(f"{value:+.2g} +- {sigma:.1g}" for value, sigma in zip(one.estimate, one.sigma))
+    what = {
+        "bias": f"a common bias of {pairs} {unit} in RA*, Dec",
+        "drift": f"a bias that drifts by {pairs} {unit} in RA*, Dec",
+        "clock": f"a clock that is wrong by {pairs} {unit}",
+        "scatter": f"stated sigmas that are {one.estimate[0]:.2g} +- {one.sigma[0]:.1g} times too small",
+        "wander": "a slowly changing bias of {:.2g}, {:.2g} arcsec rms".format(*one.size_rad / ARCSEC),
+    }[one.kind]
+    others = ", ".join(f"{name} {value:.1f}" for name, value in one.significance.items() if name != one.kind)
+    when = "" if one.whole else dates(*date)
+    told = f"{one.station}, {counted(len(one.rows), 'record')}{when}: {what}, {one.sure:.1f} sigma"
+    among_all = f"{one.corrected:.1f} as the surest of {one.tried} tests"
+    return f"{told} ({among_all}{'; ' if others else ''}{others})"
+
+
+def dates(first: str, last: str) -> str:
+    """First and last date of some records as a clause."""
+    return f" on {first[:10]}" if first[:10] == last[:10] else f" from {first[:10]} to {last[:10]}"

@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nebosvod.dynamics import ForceModel
+from nebosvod.errors import CoverageError, EventError, InputError
 from nebosvod.estimation import Status
 from nebosvod.estimation.solvers.rejection import Thresholds, chi_squared, reselect, settled, turning
 from nebosvod.fits.correction import LIMIT, Correction, Knowledge, correct
@@ -83,6 +84,16 @@ def select(
         chi2 = judged(sky, found, chosen)
     stands = len(history) < ROUNDS
     return Selected(correction=found, selected=chosen, chi2=chi2, rounds=len(history), stands=stands)
+
+
+def attempted(
+    sky: Sky, x: Array, forces: ForceModel, thresholds: Thresholds | None, prior: Knowledge | None
+) -> Selected | None:
+    """A fit of part of a sky by `select`; None where it comes to no orbit."""
+    try:
+        return select(sky, x, forces, thresholds, prior=prior)
+    except (EventError, CoverageError, InputError):
+        return None
 
 
 def judged(sky: Sky, found: Correction, chosen: Flags) -> Array:

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from nebosvod.errors import counted
 from nebosvod.estimation.accuracy.score import Score, alone, among, score_test
 from nebosvod.fits.correction import Correction
 from nebosvod.fits.screening import PROMISING, Groups, promising
@@ -391,31 +390,3 @@ def inflation(one: SharedError, R: Array) -> Array:
         return np.full(2, max(one.estimate[0], 1.0))
     weight = np.sum(1.0 / np.diagonal(R[one.rows], axis1=1, axis2=2), axis=0)
     return np.asarray(np.sqrt(1.0 + one.size_rad**2 * weight), dtype=np.float64)
-
-
-def words(one: SharedError, date: Sequence[str]) -> str:
-    """The shared error as a clause: what, how large, how sure.
-
-    Parameters
-    ----------
-    date : of the first and the last record.
-    """
-    unit = {"clock": "s", "drift": "arcsec/d"}.get(one.kind, "arcsec")
-    pairs = ", ".join(f"{value:+.2g} +- {sigma:.1g}" for value, sigma in zip(one.estimate, one.sigma))
-    what = {
-        "bias": f"a common bias of {pairs} {unit} in RA*, Dec",
-        "drift": f"a bias that drifts by {pairs} {unit} in RA*, Dec",
-        "clock": f"a clock that is wrong by {pairs} {unit}",
-        "scatter": f"stated sigmas that are {one.estimate[0]:.2g} +- {one.sigma[0]:.1g} times too small",
-        "wander": "a slowly changing bias of {:.2g}, {:.2g} arcsec rms".format(*one.size_rad / ARCSEC),
-    }[one.kind]
-    others = ", ".join(f"{name} {value:.1f}" for name, value in one.significance.items() if name != one.kind)
-    when = "" if one.whole else dates(*date)
-    told = f"{one.station}, {counted(len(one.rows), 'record')}{when}: {what}, {one.sure:.1f} sigma"
-    among_all = f"{one.corrected:.1f} as the surest of {one.tried} tests"
-    return f"{told} ({among_all}{'; ' if others else ''}{others})"
-
-
-def dates(first: str, last: str) -> str:
-    """First and last date of some records as a clause."""
-    return f" on {first[:10]}" if first[:10] == last[:10] else f" from {first[:10]} to {last[:10]}"

@@ -11,12 +11,11 @@ import numpy.typing as npt
 from scipy.special import chdtrc
 
 from nebosvod.dynamics import ForceModel
-from nebosvod.errors import CoverageError, EventError, InputError
 from nebosvod.estimation import Status
 from nebosvod.estimation.accuracy.score import sigmas
 from nebosvod.estimation.solvers.rejection import Thresholds
 from nebosvod.fits.correction import Knowledge
-from nebosvod.fits.selection import Selected, select
+from nebosvod.fits.selection import Selected, attempted
 from nebosvod.fits.shared_errors import SharedError
 from nebosvod.observation.measurement.exposures import Sky
 
@@ -55,9 +54,9 @@ def sharpest(
     sharp = sigma < SHARPER * float(np.median(sigma))
     if 2 * int(sharp.sum()) < len(x) + SPARE:
         return nobody
-    alone = _fitted(sky.select(sharp), x, forces, thresholds, prior)
-    every = _fitted(sky.select(sharp), x, forces, None, prior)
-    if alone is None or every is None:
+    alone = attempted(sky.select(sharp), x, forces, thresholds, prior)
+    every = attempted(sky.select(sharp), x, forces, None, prior)
+    if alone is None or every is None or not (_carried(alone) and _carried(every)):
         return nobody
     trusted = nobody.trusted.copy()
     trusted[np.flatnonzero(sharp)[alone.selected]] = True
@@ -71,15 +70,9 @@ def sharpest(
     return Sharpest(trusted=trusted, errors=tuple(errors))
 
 
-def _fitted(
-    sky: Sky, x: Array, forces: ForceModel, thresholds: Thresholds | None, prior: Knowledge | None
-) -> Selected | None:
-    """A fit of some records, None where they do not carry one."""
-    try:
-        found = select(sky, x, forces, thresholds, prior=prior)
-    except (EventError, CoverageError, InputError):
-        return None
-    return found if found.correction.status is Status.CONVERGED and found.correction.S is not None else None
+def _carried(found: Selected) -> bool:
+    """Whether records carry an orbit."""
+    return found.correction.status is Status.CONVERGED and found.correction.S is not None
 
 
 def _scatter(sky: Sky, found: Selected, mine: Flags, size: int) -> tuple[float, float]:

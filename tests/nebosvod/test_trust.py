@@ -149,7 +149,7 @@ def test_amounts_are_said_plainly(percent: float, words: str) -> None:
 
 
 def test_a_failure_in_no_single_direction_is_named_with_its_number() -> None:
-    """Every variance is right, but the errors come in bursts: half of them 0.2, half 1.4 times as large as they should."""
+    """Every variance is right, but errors come in bursts: half of them 0.2, half 1.4 times as large as they should."""
     factor = factor_of(4)
     errors, nis = draws(5, factor, 1000)
     size = np.where(np.random.default_rng(6).random(1000) < 0.5, 0.2, np.sqrt(2.0 - 0.04))
