@@ -70,3 +70,14 @@ def test_a_verdict_names_the_tests_that_failed_and_how_rare_one_is() -> None:
     test = "variance of whitened component 3 (1 expected) 1.12"
     said = verdict([], 1, 33, 2000, [test], 0.01)
     assert f"{test}; one right covariance in 100 fails so by chance" in said
+
+
+def test_check_of_a_fit_opens_the_trajectories_of_its_stations(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "c51.oem").write_bytes(b"\xa3\x00rubbish")
+    (tmp_path / "a.obs").write_text(records(("26.10000", "0.0")), "utf-8")
+    plan = "fit: {observations: [a.obs], spacecraft: {C51: {kind: oem, file: c51.oem}}}\n"
+    (tmp_path / "f.yaml").write_text(f"schema_version: 1\nname: f\n{plan}", "utf-8")
+    assert main(["check", str(tmp_path / "f.yaml")]) == 3
+    assert "fit.spacecraft.C51: c51.oem: byte 0xA3 in its first line" in capsys.readouterr().err
