@@ -6,6 +6,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from astropy.utils import iers
+
+# no test asks the network: from 30 days after the tables of the lock file astropy would, and fail where there is none
+iers.conf.auto_download = False
 
 NOTHING_SKIPPED = "NEBOSVOD_NOTHING_SKIPPED"
 SHARED = Path(__file__).resolve().parent.parent.parent / "shared"

@@ -11,15 +11,14 @@ def check(mission: str) -> int:
     from nebosvod.mission import FitMission, load_any
 
     loaded = load_any(mission)
-    # files of orbits are opened: a damaged one is told before a run
+    # files of orbits and weights are opened: a damaged one is told before a run
     if isinstance(loaded, FitMission):
         from nebosvod.commands.check_fit_answer import describe_fit
 
-        if loaded.fit.spacecraft:
-            from nebosvod.scene.material import carrier_of
+        if loaded.fit.spacecraft or loaded.fit.weights:
+            from nebosvod.scene.material import require_readable
 
-            for code in loaded.fit.spacecraft:
-                carrier_of(loaded, code)
+            require_readable(loaded)
         click.echo(describe_fit(loaded))
         return 0
     if any(getattr(telescope.orbit, "file", None) for telescope in loaded.telescopes):

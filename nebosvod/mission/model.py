@@ -164,6 +164,8 @@ class Mission(Block):
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
         """A copy; with changed fields it is checked as a file is, and its text says what it holds."""
         made = super().model_copy(update=update, deep=deep)
+        if deep and not update and self.text is self._text:  # its values are other objects that say the same
+            made._as_read = {key: made.__dict__[key] for key in self._as_read}
         return made._again(made.text) if update else made
 
     def standing_for(self, **fields: Any) -> Self:

@@ -24,6 +24,7 @@ from nebosvod.observation.measurement.exposures import Look, Sky
 from nebosvod.observation.measurement.telescope import Telescope
 from nebosvod.observation.reduction import debias, stated_weights, weights
 from nebosvod.observation.reduction.observers import Observers, telescopes
+from nebosvod.observation.reduction.weight_rules import read_rules
 from nebosvod.scene.instruments import SPACECRAFT
 from nebosvod.timescale import SECONDS_PER_DAY, Epoch
 
@@ -155,6 +156,20 @@ def one_object(records: Astrometry, designations: Sequence[str], hint: str) -> A
         listed = ", ".join(records.objects[:LISTED]) + (", ..." if len(records.objects) > LISTED else "")
         raise InputError(f"observations of {len(records.objects)} objects ({listed}), and one orbit fits one; {hint}")
     return records
+
+
+def require_readable(mission: FitMission) -> None:
+    """Open the trajectories and the table of weights that a fit names, which are small beside its observations.
+
+    Raises
+    ------
+    InputError, DataError
+        If one cannot be used, by its place in the file.
+    """
+    _spacecraft(mission)
+    if mission.fit.weights is not None:
+        with asking(mission, "fit", "weights"):
+            read_rules(mission.beside(mission.fit.weights))
 
 
 def prepare(records: Astrometry, mission: FitMission, ephemeris: Ephemeris) -> Material:
