@@ -42,7 +42,7 @@ def draw(scene: Scene, priors: PriorTable, rng: np.random.Generator) -> Truth:
     """
     fixed = {parameter.name for parameter in scene.mission.free_parameters if parameter.treatment == "fixed"}
     nominal = nominal_point(scene)
-    near, far = priors.parted(priors.draw(rng))
+    near, far = priors.parted(priors.physical(priors.draw(rng)))
     drawn = {name: value for name, value in near.items() if name not in fixed}
     off = {name: value for name, value in far.items() if name not in fixed}
     values = nominal.values

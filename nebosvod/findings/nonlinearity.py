@@ -9,7 +9,7 @@ own adds 1/2 m^T C m to the shift, by a pair of orbits displaced by +-m.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -26,7 +26,7 @@ from nebosvod.estimation import Estimate
 from nebosvod.estimation.accuracy import ellipse
 from nebosvod.estimation.accuracy.consistency import binomial_interval
 from nebosvod.scene.point import Point
-from nebosvod.scene.prior import STATE_NAMES
+from nebosvod.scene.prior import STATE_NAMES, by_density, with_mass
 from nebosvod.scene.scene import Scene
 from nebosvod.units import ARCSEC
 
@@ -117,13 +117,13 @@ def moved_events(
     scene: Scene, fit: Fit, asked: Sequence[Quantity], deviation: Mapping[str, float]
 ) -> list[tuple[Array | None, bool | None]]:
     """The same, and whether that orbit hits the body of the encounter; None where there is no such orbit."""
-    flown: dict[bool, Trajectory | str | None] = {False: _fly(scene, fit.point.moved(deviation))}
+    flown: dict[bool, Trajectory | str | None] = {False: _fly(scene, _displaced(scene, fit.point, deviation))}
     found: list[tuple[Array | None, bool | None]] = []
     for one in asked:
         # the base of an entry that only the reference orbit has is that orbit
         about_reference = one.facts.get("evaluated_on") == "reference orbit"
         if about_reference not in flown:
-            flown[about_reference] = _fly(scene, _reference(scene).moved(deviation))
+            flown[about_reference] = _fly(scene, _displaced(scene, _reference(scene), deviation))
         body = one.facts.get("body")
         found.append((_moved(scene, one, flown[about_reference]), _hits(flown[False], body) if body else None))
     return found
@@ -150,6 +150,14 @@ def uncertain(fit: Fit) -> tuple[str, ...]:
     """State and dynamic parameters that have an error, estimated or left out."""
     known = {*fit.estimate.names, *fit.estimate.left_out}
     return tuple(name for name in (*STATE_NAMES, *fit.observation.parameter_names) if name in known)
+
+
+def _displaced(scene: Scene, point: Point, deviation: Mapping[str, float]) -> Point:
+    """The point moved, a mass that comes from a density with its radius."""
+    moved = point.moved(deviation)
+    if not by_density(scene.mission):
+        return moved
+    return replace(moved, parameters=with_mass(point.parameters, moved.parameters))
 
 
 def _reference(scene: Scene) -> Point:

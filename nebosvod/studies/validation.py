@@ -263,7 +263,11 @@ def _innovation_components(setting: Setting, one: Estimating) -> Array:
 
 
 def directions(setting: Setting, names: tuple[str, ...]) -> list[Direction]:
-    """Every direction a reader has a word for: radial, transverse, normal; parameters; predictions."""
+    """Every direction a reader has a word for: radial, transverse, normal; parameters; predictions.
+
+    A mass that a density and an uncertain radius make is none: it goes with the cube of the radius, and a sigma of the
+    first order does not describe what is drawn of it.
+    """
     place = {name: index for index, name in enumerate(names)}
     unit = np.eye(len(names))
     x = setting.scene.state
@@ -278,7 +282,7 @@ def directions(setting: Setting, names: tuple[str, ...]) -> list[Direction]:
     found += [
         Direction(group="parameter", name=name, unit="", weights=unit[place[name]])
         for name in names
-        if name not in STATE_NAMES
+        if name not in STATE_NAMES and not (name == "mass_kg" and setting.priors.by_density)
     ]
     return found + _predicted(setting, names)
 

@@ -15,7 +15,7 @@ from nebosvod.engine.trial import Setting as TrialSetting
 from nebosvod.engine.trial import generator, measured_truth
 from nebosvod.engine.truth import draw
 from nebosvod.estimation.solvers import batch
-from nebosvod.mission import Mission, load_mission_text
+from nebosvod.mission import Mission, load_mission, load_mission_text
 from nebosvod.observation import residual
 from nebosvod.scene.point import View
 from nebosvod.scene.prior import STATE_NAMES, PriorTable
@@ -181,3 +181,16 @@ def test_one_factorisation_gives_what_each_method_gives_from_the_measurements_on
     sigma = np.linalg.norm(estimating.reference.S_formal, axis=1)
     for one, mean in zip(residuals, estimating.means(residuals)):
         assert np.abs((estimating.solved_anew(one) - mean) / sigma).max() < 1e-9
+
+
+def test_a_mass_by_density_is_drawn_with_its_radius(make_setting: Callable[[Mission], Setting]) -> None:
+    """m / (4/3 pi r^3) is the density of the mission, 3.3 +- 0.5 g/cm^3, and knows nothing of the radius."""
+    _, priors, _ = make_setting(load_mission("neomir-like"))
+    rng = np.random.default_rng(SEED)
+    drawn = [priors.physical(priors.draw(rng)) for _ in range(4000)]
+    radius, mass = (np.array([one[name] for one in drawn]) for name in ("radius_m", "mass_kg"))
+    density = mass / (4.0 / 3.0 * np.pi * radius**3)
+    assert mass.min() > 0.0  # by the covariance alone one of a hundred is negative
+    assert density.mean() == pytest.approx(3300.0, abs=4.0 * 500.0 / np.sqrt(4000))
+    assert density.std() == pytest.approx(500.0, rel=4.0 / np.sqrt(8000))
+    assert abs(np.corrcoef(radius, density)[0, 1]) < 4.0 / np.sqrt(4000)

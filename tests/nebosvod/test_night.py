@@ -1,6 +1,7 @@
 """Telescopes on the ground see at night, and not what is low: checked against astropy's horizon frame."""
 
 import json
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -51,6 +52,7 @@ def horizon(night):
     from astropy.coordinates import AltAz, EarthLocation, SkyCoord, get_sun
     from astropy.time import Time
     from astropy.utils import iers
+    from astropy.utils.exceptions import AstropyWarning
 
     _, table, folder = night
     radius = 6378137.0
@@ -59,7 +61,9 @@ def horizon(night):
         radius * COS * np.cos(turn), radius * COS * np.sin(turn), radius * SIN, unit=u.m
     )
     arrays = np.load(folder / "run" / "arrays.npz")
-    with iers.conf.set_temp("auto_download", False):
+    # tables that end before these nights give the mean of 50 years for polar motion, good to an arcsecond
+    with iers.conf.set_temp("auto_download", False), warnings.catch_warnings():
+        warnings.simplefilter("ignore", AstropyWarning)
         frame = AltAz(obstime=Time([t.removesuffix(" TDB") for t in table["epoch_tdb"]], scale="tdb"), location=place)
         sun = get_sun(frame.obstime).transform_to(frame).alt.deg
         seen = AltAz(obstime=frame.obstime[table["visible"]], location=place)
