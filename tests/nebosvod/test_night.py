@@ -48,6 +48,7 @@ def night(tmp_path_factory):
 @pytest.fixture(scope="module")
 def horizon(night):
     """Altitudes of the Sun and of the object by astropy, deg; the object's direction is that of each seen exposure."""
+    import astropy_iers_data
     from astropy import units as u
     from astropy.coordinates import AltAz, EarthLocation, SkyCoord, get_sun
     from astropy.time import Time
@@ -61,8 +62,10 @@ def horizon(night):
         radius * COS * np.cos(turn), radius * COS * np.sin(turn), radius * SIN, unit=u.m
     )
     arrays = np.load(folder / "run" / "arrays.npz")
-    # tables that end before these nights give the mean of 50 years for polar motion, good to an arcsecond
-    with iers.conf.set_temp("auto_download", False), warnings.catch_warnings():
+    # the installed table with its predictions (older astropy takes the one without by itself, and then TDB for UT1);
+    # one that ends before these nights gives the mean of 50 years for polar motion, good to an arcsecond
+    installed = iers.IERS_A.open(astropy_iers_data.IERS_A_FILE)
+    with iers.earth_orientation_table.set(installed), warnings.catch_warnings():
         warnings.simplefilter("ignore", AstropyWarning)
         frame = AltAz(obstime=Time([t.removesuffix(" TDB") for t in table["epoch_tdb"]], scale="tdb"), location=place)
         sun = get_sun(frame.obstime).transform_to(frame).alt.deg
