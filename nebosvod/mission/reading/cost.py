@@ -23,7 +23,8 @@ _ACCURACY_S, _ACCURACY_ROW_S = 0.15, 150e-6  # curves, requirements, comparison 
 _MOST_ROWS = 2000  # beyond so many those searches are thinned or left out
 _PAGE_S = 0.12  # figures and tables of one prediction
 _STEP_BYTES, _ONE_STEP_S = 20e3, 40e-6  # a step of the integration, with the bodies at its nodes; where it is searched
-_FLIGHT_S, _POINT_S, _ENCOUNTER_S = 3e-3, 0.5e-3, 4.5e-3  # an orbit flown anew, and what is predicted on it
+_FLOWN_STEP_S = 20e-6  # a step of an orbit flown with many others
+_FLIGHT_S, _POINT_S, _ENCOUNTER_S = 0.5e-3, 0.2e-3, 1.2e-3  # an orbit flown anew, and what is predicted on it
 _HIT_FLIGHT_S, _HIT_S = 7e-3, 12e-3  # the same where it comes down
 _DRAW_S, _DRAW_ROW_S = 0.4e-3, 1e-6  # one Monte Carlo truth, measured, and its share by row
 _STEP_S, _STEP_ROW_S = 0.05e-3, 0.2e-6  # one linear estimate of it
@@ -76,7 +77,7 @@ def _predicting_s(mission: Mission, rows: int, runs: int) -> float:
     encounters = sum(hasattr(one, "near") for one in mission.predictions)
     lands = any(one.plane == "entry" for one in mission.predictions)
     flown_s, encounter = (_HIT_FLIGHT_S, _HIT_S) if lands else (_FLIGHT_S, _ENCOUNTER_S)
-    orbit = flight.steps(mission) * _ONE_STEP_S + flown_s + encounters * encounter + (asked - encounters) * _POINT_S
+    orbit = flight.steps(mission) * _FLOWN_STEP_S + flown_s + encounters * encounter + (asked - encounters) * _POINT_S
     flown = kinds * 2 * (6 + len(mission.free_parameters)) + min(runs, CLONES_MOST) if asked else 0
     analysis = kinds * (_ACCURACY_S + min(rows, _MOST_ROWS) * _ACCURACY_ROW_S) + _PAGE_S
     return asked * analysis + flown * orbit
