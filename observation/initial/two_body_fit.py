@@ -10,9 +10,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from nebosvod.dynamics.constants import AU_KM, DAY_S
-from nebosvod.dynamics.twobody_many import fly
 from nebosvod.observation.contracts import Array, Ephemeris
-from nebosvod.observation.initial.gauss import SPEED_OF_LIGHT_AU_D
+from nebosvod.observation.initial.arc_rows import fill_displacements, fill_partials, fill_residuals, fill_shifts
 from nebosvod.timescale import Epoch
 
 PERTURBERS = ("earth", "moon", "jupiter")
@@ -94,33 +93,26 @@ def displacements(arc: Arc, states: Array) -> tuple[Array, Array]:
     The displacement is carried along straight lines, so it holds for arcs short against the orbit (a month of a
     near-Earth orbit: 10 %), and fails within the last hour before an impact.
     """
-    path = fly(states[:, None], arc.nodes - arc.t0, arc.gm)[..., :3]
     step = arc.nodes[1] - arc.nodes[0]
-    home = np.clip((arc.t0 - arc.nodes[0]) / step, 0.0, NODES - 1.000001)
-    low, part = int(home), home - int(home)
-    indirect = arc.pullers / np.linalg.norm(arc.pullers, axis=2, keepdims=True) ** 3
-    dr = np.zeros_like(path)
-    dv = np.zeros_like(path)
-    for _ in range(PICARD):
-        gap = arc.pullers - (path + dr)[:, :, None]
-        pull = np.sum(
-            arc.pulls[:, None] * (gap / np.maximum(np.linalg.norm(gap, axis=3, keepdims=True), 5e-5) ** 3 - indirect),
-            axis=2,
-        )
-        dv = _integral(pull, step)
-        dv = dv - ((1.0 - part) * dv[:, low] + part * dv[:, low + 1])[:, None]
-        dr = _integral(dv, step)
-        dr = dr - ((1.0 - part) * dr[:, low] + part * dr[:, low + 1])[:, None]
+    home = float(np.clip((arc.t0 - arc.nodes[0]) / step, 0.0, NODES - 1.000001))
+    states = _filled(states)
+    dr, dv = np.empty((2, len(states), NODES, 3))
+    path, pull = np.empty((2, 1, NODES, 3))
+    times = arc.nodes - arc.t0
+    fill_displacements(arc.gm, times, home, arc.pullers, arc.pulls, PICARD, states, path, pull, dr, dv)
     return dr, dv
 
 
-def _integral(values: Array, step: float) -> Array:
-    """Running integral (k, n, 3) of evenly spaced values: trapezium with the correction of the end slopes."""
-    slope = np.gradient(values, axis=1)
-    pieces = 0.5 * (values[:, 1:] + values[:, :-1]) + (slope[:, :-1] - slope[:, 1:]) / 12.0
-    total = np.zeros_like(values)
-    total[:, 1:] = np.cumsum(step * pieces, axis=1)
-    return total
+def _filled(values: Array) -> Array:
+    """The same as the loops want it: one layout, one compiled version."""
+    return np.require(values, np.float64, ("C", "W"))
+
+
+def _loops(arc: Arc) -> tuple[float, Array, Array, Array, Array, Array, Array]:
+    """What the loops over directions read of an arc."""
+    rows = (arc.t - arc.t0, arc.q, arc.u, arc.east, arc.north, arc.sigma)
+    t, q, u, east, north, sigma = (_filled(values) for values in rows)
+    return arc.gm, t, q, u, east, north, sigma
 
 
 def residuals(arc: Arc, states: Array, shift: Array) -> Array:
@@ -131,32 +123,16 @@ def residuals(arc: Arc, states: Array, shift: Array) -> Array:
     states : shape (k, 6), about the Sun at `arc.t0`, au and au/d.
     shift : shape (k, m, 3), displacement by the perturbers (`shifts`).
     """
-    now = fly(states[:, None], arc.t - arc.t0, arc.gm)
-    r, v = now[..., :3] + shift, now[..., 3:]
-    light = np.zeros(r.shape[:-1])
-    for _ in range(3):
-        # straight back along the orbit, with a Sun at rest: 0.01 arcsec at most
-        rho = r - v * light[..., None] - arc.q
-        light = np.linalg.norm(rho, axis=-1) / SPEED_OF_LIGHT_AU_D
-    towards = rho / np.linalg.norm(rho, axis=-1, keepdims=True)
-    x, y = np.sum(towards * arc.east, axis=-1), np.sum(towards * arc.north, axis=-1)
-    # the chord's share in the tangent plane, stretched to the whole angle so that a direction far off counts as far
-    chord = np.hypot(x, y)
-    angle = np.arctan2(chord, np.sum(towards * arc.u, axis=-1))
-    stretch = np.where(chord > 1e-12, angle / np.maximum(chord, 1e-300), 1.0)
-    both = -np.stack([x * stretch, y * stretch], axis=-1) / arc.sigma
-    return both.reshape(len(states), -1)
+    v = np.empty((len(states), 2 * arc.t.size))
+    fill_residuals(*_loops(arc), _filled(states), _filled(shift), v)
+    return v
 
 
 def shifts(arc: Arc, states: Array) -> Array:
     """Displacement (k, m, 3) of each orbit by the perturbers at the arc's times."""
     dr, dv = displacements(arc, states)
-    step = arc.nodes[1] - arc.nodes[0]
-    low = np.clip(((arc.t - arc.nodes[0]) / step).astype(np.int64), 0, NODES - 2)
-    s = ((arc.t - arc.nodes[low]) / step)[:, None]
-    h00, h10 = (1.0 + 2.0 * s) * (1.0 - s) ** 2, s * (1.0 - s) ** 2
-    h01, h11 = s * s * (3.0 - 2.0 * s), s * s * (s - 1.0)
-    shift: Array = h00 * dr[:, low] + h10 * step * dv[:, low] + h01 * dr[:, low + 1] + h11 * step * dv[:, low + 1]
+    shift = np.empty((len(states), arc.t.size, 3))
+    fill_shifts(_filled(arc.t), arc.nodes, dr, dv, shift)
     return shift
 
 
@@ -233,8 +209,9 @@ def _partials(arc: Arc, states: Array, basis: Array, v: Array, shift: Array) -> 
     """Partials (k, n, p) of minus the residuals by the scaled parameters; the perturbers' shift is held."""
     k, _, p = basis.shape
     stepped = (states[:, None] + STEP * np.swapaxes(basis, 1, 2)).reshape(k * p, 6)
-    moved = residuals(arc, stepped, np.repeat(shift, p, axis=0)).reshape(k, p, -1)
-    return np.asarray(np.swapaxes(v[:, None] - moved, 1, 2) / STEP)
+    J = np.empty((k, v.shape[1], p))
+    fill_partials(*_loops(arc), _filled(states), _filled(shift), _filled(v), _filled(stepped), STEP, J)
+    return J
 
 
 def _damped(J: Array, v: Array, damping: Array) -> Array:
