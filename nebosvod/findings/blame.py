@@ -84,8 +84,9 @@ def state_rows(scene: Scene, fit: Fit, worlds: Worlds) -> list[dict[str, Any]]:
     total = _state_sigmas(_variances(whole))
     behind = telescopes_of(scene)
     parts = _parts(whole)
+    stack = np.array(list(parts.values()))
     rows = []
-    for source, alone in parts.items():
+    for number, (source, alone) in enumerate(parts.items()):
         part = _state_sigmas(alone)
         row: dict[str, Any] = {
             "estimator": fit.estimator.name,
@@ -98,7 +99,7 @@ def state_rows(scene: Scene, fit: Fit, worlds: Worlds) -> list[dict[str, Any]]:
         }
         for remedy, size in REMEDIES.items():
             row[remedy] = _both(
-                _state_sigmas(_same_gain(parts, source, size)),
+                _state_sigmas(_same_gain(stack, number, size)),
                 _new_gain(worlds, remedy, source, np.eye(6), STATE_NAMES, _state_sigmas),
             )
         row[UNKNOWN] = _unknown(worlds, source, np.eye(6), STATE_NAMES, _state_sigmas, tuple(part))
@@ -120,8 +121,9 @@ def prediction_rows(scene: Scene, worlds: Worlds, asked: Quantity) -> list[dict[
         }
 
     parts = _parts(whole)
+    stack = np.array(list(parts.values()))
     rows = []
-    for source, part in parts.items():
+    for number, (source, part) in enumerate(parts.items()):
         row: dict[str, Any] = {
             "source": source,
             "telescopes": list(behind.get(source, ())),
@@ -130,7 +132,7 @@ def prediction_rows(scene: Scene, worlds: Worlds, asked: Quantity) -> list[dict[
             **sigmas(part),
         }
         for remedy, size in REMEDIES.items():
-            same = sigmas(_same_gain(parts, source, size))
+            same = sigmas(_same_gain(stack, number, size))
             row[remedy] = _both(same, _new_gain(worlds, remedy, source, W, names, sigmas))
         row[UNKNOWN] = _unknown(worlds, source, W, names, sigmas, tuple(sigmas(part)))
         rows.append(row)
@@ -148,9 +150,11 @@ def _variances(whole: Prediction) -> Array:
     return total
 
 
-def _same_gain(parts: Mapping[str, Array], source: str, size: float) -> Array:
-    """Variances (d,) when one source errs `size` times as much and nothing else changes: a sum, no difference."""
-    total: Array = np.array([(size if name == source else 1.0) ** 2 * part for name, part in parts.items()]).sum(axis=0)
+def _same_gain(stack: Array, number: int, size: float) -> Array:
+    """Variances (d,) when one source of `stack` (k, d) errs `size` times as much and nothing else changes: a sum."""
+    weight = np.ones(len(stack))
+    weight[number] = size**2
+    total: Array = (weight[:, None] * stack).sum(axis=0)  # no difference: it would lose the small ones
     return total
 
 

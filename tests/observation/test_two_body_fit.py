@@ -6,7 +6,18 @@ import pytest
 from nebosvod.dynamics import ForceModel, propagate
 from nebosvod.dynamics.constants import AU_KM, DAY_S
 from nebosvod.dynamics.twobody_many import fly
-from nebosvod.observation.initial.two_body_fit import Arc, costs, displacements, improve, residuals, shifts, trimmed_rms
+from nebosvod.observation.initial.two_body_fit import (
+    STEP,
+    Arc,
+    _basis,
+    _partials,
+    costs,
+    displacements,
+    improve,
+    residuals,
+    shifts,
+    trimmed_rms,
+)
 from nebosvod.observation.measurement.direction import ra_dec
 from nebosvod.timescale import Epoch
 
@@ -111,6 +122,21 @@ def test_residuals_of_directions_far_off_are_whole_angles(seen) -> None:
     v = residuals(arc, behind[None], np.zeros((1, arc.t.size, 3)))
     # over 2 rad; a chord in the tangent plane never passes 1
     assert np.max(np.hypot(v[0, 0], v[0, 1])) * ARCSEC > 2.0
+
+
+def test_partials_of_any_orbit_are_differences_of_its_residuals(seen) -> None:
+    arc, truth, *_ = seen
+    # near ones of a few days' period, hyperbolic ones: each with the fictitious time of its neighbour to begin with
+    rng = np.random.default_rng(8)
+    states = np.concatenate([truth[:3] * rng.uniform(0.03, 3.0, (40, 1)), 0.02 * rng.normal(size=(40, 3))], axis=1)
+    basis = _basis(arc, states, "all")
+    shift = np.zeros((40, arc.t.size, 3))
+    v = residuals(arc, states, shift)
+    J = _partials(arc, states, basis, v, shift)
+    for j in range(6):
+        moved = residuals(arc, states + STEP * basis[:, :, j], shift)
+        # rounding: 1e-16 of an angle over sigma and step
+        np.testing.assert_allclose(J[:, :, j], (v - moved) / STEP, rtol=1e-6, atol=1e-6 * np.abs(J).max())
 
 
 def test_what_cannot_be_computed_costs_the_most_and_stays_where_it_is(seen) -> None:
