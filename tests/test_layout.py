@@ -91,6 +91,7 @@ ROOMS = (
     "nebosvod/mission/yaml",
     "nebosvod/mission",
     "nebosvod/mission/reading",
+    "nebosvod/orbits",
     "nebosvod/scene",
     "nebosvod/engine",
     "nebosvod/findings",

@@ -14,7 +14,7 @@ from nebosvod.fits.ending import arc_words
 from nebosvod.fits.engine import OrbitFit
 from nebosvod.fits.orbit import OrbitAt, elements_block
 from nebosvod.fits.remarks import force_rows, notices, shared_rows
-from nebosvod.results.run_summary import estimator_row, mean_error_notes
+from nebosvod.results.run_summary import estimator_row, mean_error_notes, physics
 from nebosvod.scene.recorded import beyond_tables
 from nebosvod.timescale import SECONDS_PER_DAY
 
@@ -118,15 +118,11 @@ def _rules(rule: npt.NDArray[np.str_]) -> dict[str, int]:
 
 
 def _physics(fit: OrbitFit) -> dict[str, Any]:
-    plan, scene = fit.mission.force_model, fit.general.scene
-    excluded = fit.general.fit.trajectory.forces.excluded
-    return {
-        "ephemeris": scene.ephemeris.source,
-        "asteroids": plan.asteroids,
-        "excluded": list(excluded),
-        "relativity": plan.relativity,
-        "earth_oblateness": plan.earth_oblateness,
-        "parameters": dict(fit.general.fit.point.parameters),
+    """As of a run, with what the fit itself left out and found."""
+    general = fit.general
+    return physics(general.scene) | {
+        "excluded": list(general.fit.trajectory.forces.excluded),
+        "parameters": dict(general.fit.point.parameters),
     }
 
 

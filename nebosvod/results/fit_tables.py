@@ -10,6 +10,7 @@ from nebosvod.estimation.accuracy.formed import formed
 from nebosvod.findings.blame import REMEDIES
 from nebosvod.fits.answer import Answer, station_rows
 from nebosvod.fits.orbit import ELEMENTS, OrbitAt
+from nebosvod.results.orbit_arrays import orbit_arrays
 from nebosvod.results.result import Table
 from nebosvod.results.run_summary import estimator_row
 from nebosvod.scene.prior import STATE_NAMES
@@ -111,6 +112,7 @@ def all_arrays(found: Answer) -> Arrays:
     general = fit.general
     arrays: Arrays = {
         "epoch_s": fit.material.astrometry.t_s + (fit.material.astrometry.epoch - fit.epoch),
+        "reference_epoch_jd_tdb": np.array([fit.epoch.day, fit.epoch.fraction]),
         "telescope_index": fit.material.telescope_index,
         "telescope_names": np.array(fit.material.names),
         "psi": fit.material.observed,
@@ -126,6 +128,7 @@ def all_arrays(found: Answer) -> Arrays:
     estimate = general.fit.estimate
     if estimate.solution is not None:
         arrays |= {"factor_fit": estimate.S_true, "names_fit": np.array(estimate.names)}
+        arrays |= orbit_arrays(general.scene.mission, estimate, "fit")
     return arrays
 
 

@@ -45,7 +45,7 @@ def summarise(
         "telescopes": [telescope.name for telescope in scene.telescopes],
         "reference": {"position_km": scene.state[:3].tolist(), "velocity_km_s": scene.state[3:].tolist()},
         "visibility": visibility_rows(scene),
-        "physics": _physics(scene),
+        "physics": physics(scene),
         "assumptions": _assumptions(scene),
         "estimators": [estimator_row(scene, priors, fit) for fit in fits],
         "budget": findings.budget,
@@ -165,13 +165,15 @@ def _unit(scene: Scene, source: str, name: str) -> tuple[str, float]:
     return ("s", 1.0) if group == "timing" else ("", 1.0)
 
 
-def _physics(scene: Scene) -> dict[str, Any]:
+def physics(scene: Scene) -> dict[str, Any]:
+    """The forces of a mission, as the summary has them."""
     mission = scene.mission
     values = dict(parameter.quantity for parameter in mission.parameters)
     sphere = ("radius_m", "mass_kg", "albedo", "thermal_emission")
     radiation: Any = False
     if mission.object.has_radiation:
         radiation = {name: values[name] for name in sphere} | {"solar_irradiance_w_m2": SOLAR_IRRADIANCE_W_M2}
+    magnitude = mission.object.magnitude
     plan, accelerations = mission.force_model, {name: value for name, value in values.items() if name not in sphere}
     harmonics = {"earth_harmonics": plan.earth_harmonics, "earth_pole": plan.earth_pole}
     return {
@@ -186,6 +188,7 @@ def _physics(scene: Scene) -> dict[str, Any]:
         **({"earth_shadow": plan.earth_shadow} if radiation else {}),
         "nongrav_au_d2": accelerations,
         **({"nongrav_law": mission.object.nongrav_law} if accelerations else {}),
+        **({"magnitude": {"H": magnitude.H, "G": magnitude.G}} if magnitude is not None else {}),
     }
 
 

@@ -12,6 +12,7 @@ from nebosvod.findings.blame import REMEDIES, UNKNOWN
 from nebosvod.findings.outlook import answered
 from nebosvod.mission.slugs import array_name
 from nebosvod.observation import Common, residual
+from nebosvod.results.orbit_arrays import orbit_arrays
 from nebosvod.results.result import Table
 from nebosvod.scene.point import View
 from nebosvod.scene.prior import STATE_NAMES
@@ -37,6 +38,7 @@ def all_arrays(scene: Scene, nominal: View, fits: Sequence[Fit], psi: Array) -> 
         "state": at.state,
         "Phi": at.Phi,
         "zeta": at.zeta,
+        "reference_epoch_jd_tdb": np.array([scene.epoch.day, scene.epoch.fraction]),
         "parameter_names": np.array(seen.parameter_names, dtype=np.str_),
         "psi": psi,
         "residual": residual(psi, seen.psi),
@@ -56,6 +58,7 @@ def all_arrays(scene: Scene, nominal: View, fits: Sequence[Fit], psi: Array) -> 
     for one in fits:
         if one.estimate.solution is not None:
             arrays |= _estimator_arrays(one)
+            arrays |= orbit_arrays(scene.mission, one.estimate, array_name(one.estimator.name))
     return arrays
 
 

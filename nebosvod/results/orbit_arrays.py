@@ -1,0 +1,29 @@
+"""The orbit of an estimate for arrays.npz: state and dynamic parameters jointly, and each source's part of it."""
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from nebosvod.estimation import Estimate
+from nebosvod.estimation.problem.square_root import lower_factor
+from nebosvod.mission import Mission
+from nebosvod.scene.prior import STATE_NAMES
+
+Arrays = dict[str, npt.NDArray[Any]]
+
+
+def orbit_arrays(mission: Mission, estimate: Estimate, label: str) -> Arrays:
+    """Names (n,), lower factor (n, n) of the true covariance, and source names (g,) with their factors (g, n, n).
+
+    Considered and ignored parameters of the forces are among the names: the state depends on them.
+    """
+    known = {*estimate.names, *estimate.left_out}
+    names = (*STATE_NAMES, *(p.name for p in mission.free_parameters if p.name in known))
+    found = estimate.predict(np.eye(len(names)), names)
+    return {
+        f"orbit_names_{label}": np.array(names),
+        f"orbit_factor_{label}": found.factor,
+        f"orbit_source_names_{label}": np.array(list(found.factors), dtype=np.str_),
+        f"orbit_source_factors_{label}": np.array([lower_factor(G) for G in found.factors.values()]),
+    }
