@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 PIP_INSTALL := -m pip install --quiet --disable-pip-version-check
 
-.PHONY: demo test test-newest test-oldest lock check lint types format long bench fuzz schema docs wheel smoke clean
+.PHONY: demo test test-newest test-oldest lock check lint types format long bench fuzz schema docs hooks wheel smoke clean
 
 $(STAMP): pyproject.toml requirements.lock
 	$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "nebosvod needs Python 3.11 or newer, this is " + sys.version.split()[0] + "; try: make PYTHON=python3.12")'
@@ -68,6 +68,9 @@ schema: $(STAMP)
 	$(BIN)/nebosvod schema > scenarios/nebosvod.schema.json
 	$(BIN)/nebosvod schema --fit > scenarios/fit.schema.json
 	$(BIN)/python tools/mission_reference.py
+
+hooks: $(STAMP)
+	$(BIN)/pre-commit install
 
 docs: $(STAMP)
 	$(BIN)/sphinx-build -q -W --keep-going docs build/site

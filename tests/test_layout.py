@@ -2,6 +2,7 @@
 
 import ast
 import importlib
+import re
 import subprocess
 import sys
 import tomllib
@@ -10,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from nebosvod.borders.moved import MOVED
+from nebosvod.mission.yaml.yamlfile import parse_yaml
 
 ROOT = Path(__file__).resolve().parent.parent
 STAGES = ("dynamics", "observation", "estimation", "nebosvod")
@@ -170,11 +172,44 @@ for name in nebosvod.__all__:
 
 
 @pytest.mark.parametrize(("old", "new"), MOVED.items())
-def test_names_that_the_documentation_showed_still_import_and_say_the_new_one(old: str, new: str) -> None:
+def test_names_that_version_0_1_showed_still_import_and_say_the_new_one(old: str, new: str) -> None:
     sys.modules.pop(old, None)
-    with pytest.warns(DeprecationWarning, match=f"{old} is now {new}$"):
+    with pytest.warns(DeprecationWarning, match=f"{old} is now {new}$") as said:
         there = importlib.import_module(old)
-    assert vars(there).items() >= {(k, v) for k, v in vars(importlib.import_module(new)).items() if callable(v)}
+    assert there is importlib.import_module(new)
+    assert len(said) == 1
+
+
+# every import in README.md, docs/ and examples/ of version 0.1.0, and every name in their prose
+SHOWN_BY_0_1 = """
+nebosvod: Result load_mission run
+nebosvod.dynamics: Ephemeris ForceModel Nongrav RadiationPressure find_encounters perigee_distance propagate
+nebosvod.dynamics: propagate_many target_plane
+nebosvod.dynamics.constants: AU_KM DAY_S
+nebosvod.dynamics.elements: cometary_to_state keplerian_to_state
+nebosvod.dynamics.forces:
+nebosvod.dynamics.frames: R_icrf_from_ecliptic
+nebosvod.errors: NebosvodError
+nebosvod.estimation: Block Estimate IterationResult LinearProblem Prior Treatment
+nebosvod.estimation: batch consistency gauss_newton kalman recursive two_stage
+nebosvod.estimation.budget: if_vanished
+nebosvod.estimation.combined: GridBlock adapt equivalent_measurement
+nebosvod.estimation.kalman: Belief
+nebosvod.mission: load_mission_text
+nebosvod.observation: read_astrometry read_oem write_psv write_xml
+nebosvod.observation.observers: telescopes
+nebosvod.observation.weights: weigh
+nebosvod.pipeline: run
+nebosvod.timescale: Epoch
+"""
+
+
+@pytest.mark.parametrize("line", SHOWN_BY_0_1.split("\n")[1:-1])
+@pytest.mark.filterwarnings("ignore:.* is now:DeprecationWarning")
+def test_everything_that_the_documentation_of_0_1_imported_is_there(line: str) -> None:
+    name, _, shown = line.partition(":")
+    module = importlib.import_module(name)
+    assert [one for one in shown.split() if not hasattr(module, one)] == []
 
 
 @pytest.mark.parametrize("leaf", ["errors", "timescale", "units", "version"])
@@ -208,3 +243,22 @@ def test_import_at_the_root_of_a_checkout_finds_every_stage() -> None:
     script += "; import nebosvod.observation; print(nebosvod.dynamics.__file__)"
     done = subprocess.run([sys.executable, "-S", "-c", script], cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.stdout.strip() == str(ROOT / "dynamics" / "__init__.py"), done.stderr
+
+
+@pytest.mark.parametrize("name", ["Makefile", ".pre-commit-config.yaml", "CONTRIBUTING.md", ".ci/run"])
+def test_files_that_the_tools_and_the_guide_name_are_there(name: str) -> None:
+    named = re.findall(
+        r"(?:tests|tools|benchmarks|docs|nebosvod|dynamics)/[\w/.-]*\w", (ROOT / name).read_text("utf-8")
+    )
+    assert [one for one in named if not (ROOT / one).exists()] == []
+
+
+def test_hooks_run_from_the_environment_and_fetch_nothing() -> None:
+    """Each is local, of this machine, from .venv, and at a stage that is installed."""
+    settings = parse_yaml((ROOT / ".pre-commit-config.yaml").read_text("utf-8"), "hooks").tree
+    (repository,) = settings["repos"]
+    assert repository["repo"] == "local"
+    for hook in repository["hooks"]:
+        assert hook["language"] == "system", hook["id"]
+        assert ".venv/bin/" in hook["entry"], hook["id"]
+        assert set(hook["stages"]) <= set(settings["default_install_hook_types"]), hook["id"]
