@@ -7,6 +7,7 @@ for the barycentres of their systems.
 
 import hashlib
 import json
+import math
 import os
 import sys
 from collections.abc import Mapping
@@ -305,7 +306,7 @@ def evaluate_series(series: Series, epoch: Epoch, t_s: Array) -> Array:
 def _cut(series: tuple[Series, ...], epoch: Epoch, start_s: float, end_s: float) -> Window:
     """Coefficients of the records that touch [start_s, end_s], padded by 32 days so that neighbours hit the cache."""
     pad_s = 32.0 * DAY_S
-    pieces, layout, timing, offset = [], [], [], 0
+    cuts, layout, timing, offset = [], [], [], 0
     for body in series:
         if body.order > MOST_ORDERS:
             raise DataError(
@@ -315,15 +316,18 @@ def _cut(series: tuple[Series, ...], epoch: Epoch, start_s: float, end_s: float)
         first = int(((start_s - pad_s) / DAY_S - first_day) // body.record_days)
         last = int(((end_s + pad_s) / DAY_S - first_day) // body.record_days) + 1
         first, last = max(first, 0), min(last, len(body.records))
-        padded = np.pad(body.coefficients(first, last), ((0, 0), (0, -body.order % 8), (0, 0)))
-        pieces.append(padded.ravel())
-        layout.append((offset, padded.shape[1], last - first))
+        rows = (last - first, body.order + -body.order % 8, 3)
+        cuts.append((body, first, last, rows))
+        layout.append((offset, rows[1], rows[0]))
         exact_day = body.first_day + (J2000_JD - epoch.day) + first * body.record_days
         timing.append((exact_day * DAY_S - epoch.fraction * DAY_S, body.record_days * DAY_S))
-        offset += pieces[-1].size
+        offset += math.prod(rows)
+    coefficients = np.zeros(offset)
+    for (body, first, last, rows), (at, _, _) in zip(cuts, layout):  # each into its place: centuries are 80 MB
+        coefficients[at : at + math.prod(rows)].reshape(rows)[:, : body.order] = body.coefficients(first, last)
     span = np.array(timing)
     return Window(
-        coefficients=np.concatenate(pieces).astype(np.float64),
+        coefficients=coefficients,
         layout=np.array(layout, dtype=np.int64),
         timing=span,
         start_s=float(np.max(span[:, 0])),

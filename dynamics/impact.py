@@ -61,6 +61,13 @@ def follow(
     )  # fmt: skip
 
 
+def fly(
+    state: Array, epoch: Epoch, span_s: tuple[float, float], forces: ForceModel, grid: Trajectory | None = None
+) -> Trajectory:
+    """The orbit over a span of which all is needed, with its sensitivities; `grid` as of `follow`."""
+    return propagate(state, epoch, np.array(span_s), forces, grid=grid, most_steps=MOST_STEPS)
+
+
 def carry(state: Array, epoch: Epoch, to: Epoch, forces: ForceModel, sensitivities: bool = False) -> Trajectory:
     """The orbit from one epoch of a mission to another, which is its only time."""
     gap = np.array([to - epoch])

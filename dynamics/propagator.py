@@ -14,7 +14,7 @@ from nebosvod.dynamics.ephemeris import BEYOND_S
 from nebosvod.dynamics.model import ForceModel, Physics
 from nebosvod.dynamics.trajectory import Trajectory, make_trajectory
 from nebosvod.dynamics.workspace import NO_NODES, NO_SAMPLES, NO_STEPS, Steps
-from nebosvod.errors import EventError, InputError
+from nebosvod.errors import EventError, InputError, StepLimitError
 from nebosvod.timescale import Epoch
 
 Array = npt.NDArray[np.float64]
@@ -63,8 +63,10 @@ def propagate(
         If shapes are wrong or numbers not finite; if a time is outside the ephemeris.
     ImpactError
         If the orbit runs into a body, with body, time and distance.
+    StepLimitError
+        If it takes too many steps; says how far it came.
     EventError
-        If it takes too many steps, or comes to a singularity.
+        If it comes to a singularity.
     """
     start, times, low, high = _checked(state_km_km_s, t_s)
     if not 1 <= most_steps <= integrator.MOST_STEPS:
@@ -170,8 +172,9 @@ def _unfinished(
     where = f"{gaps[body]:.0f} km from the centre of {body}"
     way = f"at {(epoch + reached).iso()} on its way to {(epoch + end_s).iso()}"
     if status == integrator.TOO_MANY_STEPS:
-        return EventError(
+        return StepLimitError(
             f"the integration gives up {way}, after the {most} steps it may take (the last is "
-            f"{abs(reached - t):.3g} s long, {where}); ask for a shorter arc, or a tolerance looser than {tolerance:g}"
+            f"{abs(reached - t):.3g} s long, {where}); ask for a shorter arc, or a tolerance looser than {tolerance:g}",
+            t_s=reached,
         )
     return EventError(f"the integration stops {way}: the asteroid is {where}")

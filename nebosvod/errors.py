@@ -114,6 +114,20 @@ class ImpactError(EventError):
         self.t_s = t_s
 
 
+class StepLimitError(EventError):
+    """An orbit takes more steps of the integration than it may.
+
+    Parameters
+    ----------
+    message : the sentence for the user.
+    t_s : how far it came, TDB s after the orbit's epoch.
+    """
+
+    def __init__(self, message: str, *, t_s: float = float("nan")) -> None:
+        super().__init__(message)
+        self.t_s = t_s
+
+
 class NoAnswerError(NebosvodError):
     """A prediction does not exist for this orbit.
 

@@ -11,15 +11,19 @@ def check(mission: str) -> int:
     from nebosvod.mission import FitMission, load_any
 
     loaded = load_any(mission)
-    # files of orbits and weights are opened: a damaged one is told before a run
+    # the files it names are opened: a damaged one is told before a run
+    if loaded.ephemeris_path is not None or isinstance(loaded, FitMission):
+        from nebosvod.scene.scene import load_ephemeris, require_epochs
+
+        require_epochs(loaded, ephemeris := load_ephemeris(loaded))
     if isinstance(loaded, FitMission):
         from nebosvod.commands.check_fit_answer import describe_fit
+        from nebosvod.scene.material import looked_at
 
-        if loaded.fit.spacecraft or loaded.fit.weights:
-            from nebosvod.scene.material import require_readable
-
-            require_readable(loaded)
-        click.echo(describe_fit(loaded))
+        records = looked_at(loaded, ephemeris)
+        click.echo(describe_fit(loaded, records))
+        for notice in records.notices:
+            click.echo(f"notice: {notice}", err=True)
         return 0
     if any(getattr(telescope.orbit, "file", None) for telescope in loaded.telescopes):
         from nebosvod.scene.instruments import telescopes

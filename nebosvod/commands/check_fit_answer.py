@@ -1,8 +1,10 @@
-"""What a file for `nebosvod fit` means, in words, without reading its observations."""
+"""What a file for `nebosvod fit` means, in words, without a fit."""
 
 from collections.abc import Iterator
 
+from nebosvod.errors import counted, listed
 from nebosvod.mission import FitMission
+from nebosvod.observation.formats.records import Astrometry
 
 TREATED = {
     "lighter": "a station that has one weighs as one record of its size",
@@ -11,16 +13,26 @@ TREATED = {
 }
 
 
-def describe_fit(mission: FitMission) -> str:
-    """The resolved file as lines for `nebosvod check`."""
-    return "\n".join([*_lines(mission), "the file is valid; nothing was fitted"])
+def describe_fit(mission: FitMission, records: Astrometry) -> str:
+    """The resolved file and the records it would use as lines for `nebosvod check`."""
+    return "\n".join([*_lines(mission, records), "the file is valid; nothing was fitted"])
 
 
-def _lines(mission: FitMission) -> Iterator[str]:
+def _used(records: Astrometry) -> str:
+    """How many records there are, whose, when and from where."""
+    first, last = (str(min(records.utc))[:10], str(max(records.utc))[:10])
+    names = records.objects
+    whose = names[0] if len(names) == 1 else f"{len(names)} objects ({listed(names)}): give fit.designation, or --split"
+    stations = counted(len(records.stations), "station")
+    return f"{counted(len(records), 'record')} from {first} to {last}, {stations}: {whose}"
+
+
+def _lines(mission: FitMission, records: Astrometry) -> Iterator[str]:
     plan, given = mission.fit, mission.object.given_orbit
     yield f"{mission.name}: {mission.title or 'orbit fit'}"
     names = f"; {' = '.join(plan.designation)}" if plan.designation else ""
     yield f"observations     {', '.join(plan.observations)}{names}"
+    yield f"records          {_used(records)}"
     if plan.since is not None or plan.until is not None:
         since = f"from {plan.since.iso('utc', 0)} on" if plan.since is not None else ""
         until = f"before {plan.until.iso('utc', 0)}" if plan.until is not None else ""

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nebosvod.dynamics import Trajectory
-from nebosvod.dynamics.impact import BELOW_S, what_it_hits
+from nebosvod.dynamics.impact import BELOW_S, MOST_STEPS, what_it_hits
 from nebosvod.errors import CoverageError, NoAnswerError
 from nebosvod.estimation import Estimate
 from nebosvod.estimation.accuracy import ellipse
@@ -96,9 +96,11 @@ def quantity(scene: Scene, trajectory: Trajectory, request: Prediction, about: E
     try:
         if isinstance(request, EncounterPrediction):
             _require_covered(scene, trajectory, request)
+            _require_reached(scene, trajectory, request)
             return encounter_quantity(scene, trajectory, request, about)
         _require_alive(scene, trajectory, request)
         _require_covered(scene, trajectory, request)
+        _require_reached(scene, trajectory, request)
         if isinstance(request, SkyPrediction):
             return _sky(scene, trajectory, request)
         return _state(scene, trajectory, request)
@@ -115,6 +117,18 @@ def _require_covered(scene: Scene, trajectory: Trajectory, request: Prediction) 
             f"{request.when.iso(scale, 0)} is outside the ephemeris, {first.iso(scale, 0)} to {last.iso(scale, 0)}",
             status="not_covered",
         )
+
+
+def _require_reached(scene: Scene, trajectory: Trajectory, request: Prediction) -> None:
+    """Refuse a time to which the orbit has not been flown, because its steps had come to their end."""
+    if request.when - scene.epoch > trajectory.span_s[1] and what_it_hits(trajectory) is None:
+        raise NoAnswerError(out_of_steps(trajectory, request.when.scale), status="not_reached")
+
+
+def out_of_steps(trajectory: Trajectory, scale: Scale) -> str:
+    """Why an orbit that hits nothing ends before something asked for."""
+    end = (trajectory.epoch + trajectory.span_s[1]).iso(scale, 0)
+    return f"the orbit is known to {end}: there the {MOST_STEPS:,} steps of a flight end; ask for an earlier time"
 
 
 def _require_alive(scene: Scene, trajectory: Trajectory, request: SkyPrediction | StatePrediction) -> None:

@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from nebosvod.dynamics import Trajectory
+from nebosvod.dynamics import ForceModel, Trajectory
 from nebosvod.dynamics.impact import what_it_hits
-from nebosvod.engine.quantity import Quantity, prediction_row
-from nebosvod.errors import EventError
+from nebosvod.engine.quantity import Quantity, out_of_steps, prediction_row
+from nebosvod.errors import CoverageError, EventError
+from nebosvod.estimation import Estimate
 from nebosvod.findings.blame import Worlds, prediction_rows, state_rows
 from nebosvod.findings.foretold import foretell, in_order, unanswered_row, unknown_orbit
 from nebosvod.findings.nonlinearity import nonlinearity
@@ -21,6 +22,7 @@ from nebosvod.fits import usual_force
 from nebosvod.fits.engine import OrbitFit
 from nebosvod.fits.orbit import OrbitAt, compared, orbit_at
 from nebosvod.mission import FitMission
+from nebosvod.mission.reading.places import place
 from nebosvod.scene.prior import STATE_NAMES
 from nebosvod.scene.recorded import long_span, long_trajectory
 from nebosvod.scene.scene import Scene
@@ -81,12 +83,14 @@ def answer(found: OrbitFit) -> Answer:
             return nothing  # an orbit nobody believes ran into a body
         raise
     span, needed = long_span(mission, forces, (float(t_s.min()), float(t_s.max())))
+    if not what_it_hits(trajectory):
+        span = span[0], min(span[1], trajectory.span_s[1])  # its steps may have come to their end before
     scene = replace(found.general.scene, trajectory=trajectory, span_s=span, needed_s=needed, forces=forces)
     worlds = Worlds(now=estimate, then={})
     amid = orbit_at(estimate, trajectory, 0.0)
     asked, rows = _predicted(scene, found, trajectory, worlds)
     (first, *later), ended = _reached(mission, trajectory)
-    reference = mission.fit.reference
+    reference, without = _comparison(mission, estimate, amid, forces)
     return Answer(
         fit=found,
         trajectory=trajectory,
@@ -97,24 +101,43 @@ def answer(found: OrbitFit) -> Answer:
         budget=state_rows(scene, fit, worlds),
         predictions=rows,
         quantities=asked,
-        reference=None if reference is None else compared(reference, mission, estimate, amid, forces),
-        cautions=tuple(usual_force.cautions(found, scene, asked, rows)),
+        reference=reference,
+        cautions=(*usual_force.cautions(found, scene, asked, rows), *without),
     )
+
+
+def _comparison(
+    mission: FitMission, estimate: Estimate, amid: OrbitAt, forces: ForceModel
+) -> tuple[dict[str, Any] | None, list[str]]:
+    """The comparison with the orbit asked for, if any; or why there is none: an impact of the one that was given."""
+    reference = mission.fit.reference
+    if reference is None:
+        return None, []
+    try:
+        return compared(reference, estimate, amid, forces), []
+    except (EventError, CoverageError) as error:
+        return None, [f"{place(mission, ('fit', 'reference', 'orbit'))}: not compared with {reference.name}: {error}"]
 
 
 def _reached(mission: FitMission, trajectory: Trajectory) -> tuple[list[float | None], list[dict[str, Any]]]:
     """Times, s, of the epoch of the answer and of the others, None where the orbit has ended or none is named; why."""
     asked = (mission.fit.epoch, *mission.fit.epochs)
     epoch, hit = mission.reference_epoch, what_it_hits(trajectory) if any(when is not None for when in asked) else None
+    end = trajectory.span_s[1] if hit is None else hit.epoch - epoch
     times: list[float | None] = []
     rows = []
     for when in asked:
-        if when is None or hit is None or when < hit.epoch:
+        if when is None or when - epoch < end or (hit is None and when - epoch == end):
             times.append(None if when is None else when - epoch)
             continue
         times.append(None)
-        reason = f"the orbit hits {hit.body} on {hit.epoch.iso(when.scale, 0)} and ends there"
-        rows.append({"epoch_tdb": when.iso(), "status": "after_impact", "reason": reason})
+        status, reason = "not_reached", out_of_steps(trajectory, when.scale)
+        if hit is not None:
+            status, reason = (
+                "after_impact",
+                f"the orbit hits {hit.body} on {hit.epoch.iso(when.scale, 0)} and ends there",
+            )
+        rows.append({"epoch_tdb": when.iso(), "status": status, "reason": reason})
     return times, rows
 
 

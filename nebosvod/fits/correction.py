@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from nebosvod.dynamics import ForceModel, Trajectory, propagate
+from nebosvod.dynamics import ForceModel, Trajectory
+from nebosvod.dynamics.impact import fly
 from nebosvod.errors import CoverageError, EventError, InputError
 from nebosvod.estimation import Status
 from nebosvod.estimation.problem.square_root import Conditioning, append_rows, conditioning, solve_upper
@@ -153,7 +154,7 @@ def _at(
     """Propagate, look, and whiten the rows [H | v] of the chosen observations and of the prior."""
     model = forces.with_values(dict(zip(forces.parameters, x[6:].tolist()))) if forces.parameters else forces
     grid, tau = (None, None) if near is None else (near.trajectory, near.seen.tau)
-    trajectory = propagate(x[:6], sky.epoch, sky.span_s, model, grid=grid)
+    trajectory = fly(x[:6], sky.epoch, sky.span_s, model, grid)
     seen = look(trajectory, sky, tau)
     size = len(x)
     rows = np.empty((len(sky), 2, size + 1))

@@ -4,12 +4,14 @@ records -> material -> start (given, or found from three directions) -> growth o
 """
 
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
-from nebosvod.dynamics import Ephemeris, ForceModel, propagate
+from nebosvod.dynamics import Ephemeris, ForceModel
+from nebosvod.dynamics.impact import carry
 from nebosvod.errors import CoverageError, EventError, GeometryError, InputError, counted, noting
 from nebosvod.estimation import Status
 from nebosvod.estimation.problem.square_root import covariance_factor
@@ -27,7 +29,7 @@ from nebosvod.observation.formats.records import Astrometry
 from nebosvod.observation.initial.initial_orbit import StartingOrbit, attributable, candidates
 from nebosvod.observation.measurement.exposures import Sky
 from nebosvod.scene.dates import dated
-from nebosvod.scene.material import Material, prepare
+from nebosvod.scene.material import Material, prepare, require_few_steps
 from nebosvod.scene.prior import STATE_NAMES, PriorTable, prior_table
 from nebosvod.scene.scene import force_model, reference_state, require_epochs
 from nebosvod.timescale import SECONDS_PER_DAY, Epoch
@@ -94,6 +96,7 @@ def fit_object(
     require_epochs(mission, ephemeris)
     designation, records = records.objects[0], dated(records, mission)
     say(f"{designation}: placing {counted(len(records), 'observation')} of {counted(len(records.stations), 'station')}")
+    require_few_steps(mission, records)
     material = prepare(records, mission, ephemeris)
     thresholds = thresholds_of(mission)
     with noting(material.notices):
@@ -107,8 +110,9 @@ def fit_object(
     sky = material.sky(epoch)
     x = np.concatenate([state, lean_forces.values])
     prior = knowledge(priors, solved)
-    wide = widened(resolved, material, sky, lean_forces, state)
-    lean = select(wide, x, lean_forces, thresholds, selected=chosen, prior=prior, limit=mission.fit.iterations)
+    with nullcontext() if mission.object.given_orbit is None else asking(mission, "object", "orbit"):
+        wide = widened(resolved, material, sky, lean_forces, state)
+        lean = select(wide, x, lean_forces, thresholds, selected=chosen, prior=prior, limit=mission.fit.iterations)
     weighed = material.weighed(sky, lean.correction.seen)
     if weighed is not sky:
         sky = weighed
@@ -250,7 +254,7 @@ def _first_orbit(
     at = start.epoch + start.t_s
     origin = _origin(start, material)
     try:
-        state = propagate(grown.correction.state, at, [epoch - at], bare, sensitivities=False).state[0]
+        state = carry(grown.correction.state, at, epoch, bare).state[0]
     except (
         EventError
     ):  # 0h may lie outside an arc of minutes, and the vague orbit of such an arc run into a body before

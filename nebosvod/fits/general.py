@@ -12,7 +12,8 @@ from typing import cast
 import numpy as np
 import numpy.typing as npt
 
-from nebosvod.dynamics import ForceModel, propagate
+from nebosvod.dynamics import ForceModel
+from nebosvod.dynamics.impact import fly
 from nebosvod.engine.assembly import linear_problem, mean_errors
 from nebosvod.engine.fitting import Fit, taken
 from nebosvod.errors import CoverageError, EventError
@@ -107,7 +108,7 @@ def widened(mission: FitMission, material: Material, sky: Sky, forces: ForceMode
     if not any(source.error.treatment == "estimated" for source in mission.sources):
         return sky
     every = np.arange(len(sky))
-    trajectory = propagate(state, sky.epoch, sky.span_s, forces)
+    trajectory = fly(state, sky.epoch, sky.span_s, forces)
     scene = scene_of(mission, material, forces, trajectory, every)
     point = Point(state=state, parameters={}, nuisances={})
     R = sky.R.copy()
@@ -134,7 +135,7 @@ def _once(
     rows = np.flatnonzero(selected)
     estimator = mission.estimators[0]
     values = dict(zip(forces.parameters, forces.values.tolist()))
-    first = propagate(state, sky.epoch, sky.span_s, forces)
+    first = fly(state, sky.epoch, sky.span_s, forces)
     scene = scene_of(mission, material, forces, first, rows)
     seen = look(first, sky)
     start = view_of(scene, Point(state=state, parameters=values, nuisances={}), material, first, seen, rows)
@@ -145,7 +146,7 @@ def _once(
         latest[0] = (start, seen)
         if any(value != 0.0 for value in deviation.values()):
             point = start.point.moved(deviation)
-            trajectory = propagate(point.state, sky.epoch, sky.span_s, forces.with_values(point.parameters), grid=first)
+            trajectory = fly(point.state, sky.epoch, sky.span_s, forces.with_values(point.parameters), first)
             there = look(trajectory, sky, seen.tau)
             latest[0] = (view_of(scene, point, material, trajectory, there, rows), there)
         return linear_problem(scene, estimator, latest[0][0], material.observed[rows], priors, about=start.point)

@@ -10,7 +10,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from nebosvod.dynamics import ForceModel, Nongrav, propagate
+from nebosvod.dynamics import ForceModel, Nongrav
+from nebosvod.dynamics.impact import fly
 from nebosvod.estimation.accuracy.score import Score
 from nebosvod.fits.correction import Correction
 from nebosvod.fits.shared_errors import SURE, Footing, Records
@@ -111,7 +112,7 @@ def partials(sky: Sky, found: Correction, forces: ForceModel, names: Sequence[st
     """Directions (n, 2, m) by forces at zero, rad per au/d^2, on the orbit of a correction."""
     model = forces.with_values(dict(zip(forces.parameters, found.x[6:].tolist()))) if forces.parameters else forces
     model = replace(model, nongrav=model.nongrav or Nongrav(), parameters=tuple(names))
-    trajectory = propagate(found.state, sky.epoch, sky.span_s, model, grid=found.trajectory)
+    trajectory = fly(found.state, sky.epoch, sky.span_s, model, found.trajectory)
     return look(trajectory, sky, found.seen.tau).H[:, :, 6:]
 
 

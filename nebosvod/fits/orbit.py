@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from nebosvod.dynamics import ForceModel, Nongrav, Trajectory, propagate
+from nebosvod.dynamics import ForceModel, Nongrav, Trajectory
 from nebosvod.dynamics.elements import cometary_to_state, state_to_cometary, state_to_keplerian
+from nebosvod.dynamics.impact import carry
 from nebosvod.errors import CoverageError, EventError, GeometryError
 from nebosvod.estimation import Estimate, lower_factor
 from nebosvod.estimation.accuracy.formed import matrices
-from nebosvod.mission import FitMission
 from nebosvod.mission.fit import Reference
 from nebosvod.mission.orbit import SbdbOrbit
 from nebosvod.mission.state import orbit_state, to_icrf
@@ -112,9 +112,7 @@ def elements_block(orbit: OrbitAt) -> dict[str, Any] | None:
     return block | matrices(covariance=S) | {"factor": S.tolist()}
 
 
-def compared(
-    reference: Reference, mission: FitMission, estimate: Estimate, fitted: OrbitAt, forces: ForceModel
-) -> dict[str, Any]:
+def compared(reference: Reference, estimate: Estimate, fitted: OrbitAt, forces: ForceModel) -> dict[str, Any]:
     """How far a fitted orbit is from a reference orbit, in sigmas, at the epoch of the reference.
 
     Each orbit is carried by its own forces alone: the fitted one, with its covariance, to the epoch of the reference,
@@ -132,11 +130,11 @@ def compared(
     """
     at = reference.orbit.epoch
     try:
-        along = propagate(fitted.state, fitted.epoch, [at - fitted.epoch], forces)
+        along = carry(fitted.state, fitted.epoch, at, forces, sensitivities=True)
         orbit = orbit_at(estimate, along, at - fitted.epoch)
     except (EventError, CoverageError):
         orbit = fitted
-    theirs, carried = _reference_state(reference, mission, orbit, forces)
+    theirs, carried = _reference_state(reference, orbit, forces)
     difference = orbit.state - theirs
     whitened = np.linalg.solve(orbit.S, difference)
     block: dict[str, Any] = {
@@ -157,16 +155,12 @@ def compared(
     return block
 
 
-def _reference_state(
-    reference: Reference, mission: FitMission, orbit: OrbitAt, forces: ForceModel
-) -> tuple[Array, Array | None]:
+def _reference_state(reference: Reference, orbit: OrbitAt, forces: ForceModel) -> tuple[Array, Array | None]:
     """State (6,) of the reference at the epoch of an orbit, and the factor (6, 6) of its covariance, if it has one."""
-    shaped = mission.standing_for(object=mission.object.model_copy(update={"orbit": reference.orbit}))
     gm = orbit.gm_sun_km3_s2
-    start = orbit_state(shaped, gm)
+    start = orbit_state(reference.orbit, gm)
     own = _own_forces(reference, forces)
-    gap = orbit.epoch - reference.orbit.epoch
-    along = propagate(start, reference.orbit.epoch, [gap], own)
+    along = carry(start, reference.orbit.epoch, orbit.epoch, own, sensitivities=True)
     joint = reference.joint
     if joint is None:
         return np.array(along.state[0]), None

@@ -304,17 +304,24 @@ class FitMission(Mission):
         return tuple(found)
 
     @property
+    def given_orbits(self) -> dict[KeyPath, Orbit]:
+        """The orbits the file gives, to start from and to compare with, by their places in it."""
+        start, reference = self.object.given_orbit, self.fit.reference
+        given: dict[KeyPath, Orbit] = {} if start is None else {("object", "orbit"): start}
+        return given if reference is None else given | {("fit", "reference", "orbit"): reference.orbit}
+
+    @property
     def input_files(self) -> tuple[Path, ...]:
         """Files beside this one that it reads, for the record."""
         named = [*self.fit.observations, self.fit.weights, self.fit.debias, self.force_model.ephemeris]
         named += [orbit.file for orbit in self.fit.spacecraft.values()]
-        named += [getattr(self.object.given_orbit, "file", None)]
+        named += [getattr(orbit, "file", None) for orbit in self.given_orbits.values()]
         return tuple(self.beside(name) for name in dict.fromkeys(named) if name is not None)
 
     def epochs(self) -> Iterable[tuple[KeyPath, Epoch]]:
         """Every epoch at which the ephemeris is needed, with its path in the file; predictions may lie outside."""
-        if self.object.given_orbit is not None:
-            yield ("object", "orbit", "epoch"), self.object.orbit.epoch
+        for path, orbit in self.given_orbits.items():
+            yield (*path, "epoch"), orbit.epoch
         if self.fit.epoch is not None:
             yield ("fit", "epoch"), self.fit.epoch
         for i, epoch in enumerate(self.fit.epochs):

@@ -12,9 +12,10 @@ import numpy as np
 import numpy.typing as npt
 
 from nebosvod.dynamics import Ephemeris
-from nebosvod.errors import CoverageError, InputError
+from nebosvod.errors import CoverageError, InputError, noting
 from nebosvod.mission import FitMission
 from nebosvod.mission.fit import FitPlan
+from nebosvod.mission.reading.flight import too_often
 from nebosvod.mission.reading.places import asking
 from nebosvod.observation import Spacecraft
 from nebosvod.observation.formats.reading import read_astrometry
@@ -25,6 +26,7 @@ from nebosvod.observation.measurement.telescope import Telescope
 from nebosvod.observation.reduction import debias, stated_weights, weights
 from nebosvod.observation.reduction.observers import Observers, telescopes
 from nebosvod.observation.reduction.weight_rules import read_rules
+from nebosvod.scene.dates import dated
 from nebosvod.scene.instruments import SPACECRAFT
 from nebosvod.timescale import SECONDS_PER_DAY, Epoch
 
@@ -158,18 +160,46 @@ def one_object(records: Astrometry, designations: Sequence[str], hint: str) -> A
     return records
 
 
-def require_readable(mission: FitMission) -> None:
-    """Open the trajectories and the table of weights that a fit names, which are small beside its observations.
+def looked_at(mission: FitMission, ephemeris: Ephemeris) -> Astrometry:
+    """The records a fit would use, of one object or of all there are, once everything it needs of files was tried.
 
     Raises
     ------
-    InputError, DataError
-        If one cannot be used, by its place in the file.
+    InputError, CoverageError, DataError
+        As a fit does before it looks for an orbit.
     """
     _spacecraft(mission)
     if mission.fit.weights is not None:
         with asking(mission, "fit", "weights"):
             read_rules(mission.beside(mission.fit.weights))
+    records = gather(mission)
+    with noting(records.notices):
+        records = records.of(*mission.fit.designation) if mission.fit.designation else records
+        records = dated(records, mission)
+        if len(records.objects) > 1:
+            return records
+        require_few_steps(mission, records)
+        return replace(records, notices=prepare(records, mission, ephemeris).notices)
+
+
+def require_few_steps(mission: FitMission, records: Astrometry) -> None:
+    """Refuse an orbit that goes round the Sun too often on its way to the records, before it is flown.
+
+    Raises
+    ------
+    InputError
+        By the place of the orbit in the file.
+    """
+    if mission.object.given_orbit is None:
+        return
+    first, last = (records.epoch + float(t_s) for t_s in (records.t_s.min(), records.t_s.max()))
+    arc = last - first
+    way = abs(first + arc / 2.0 - mission.object.orbit.epoch)
+    between = "its epoch and the observations" if way > arc else "the first and the last observation"
+    if text := too_often(mission.object.orbit, max(way, arc), between):
+        advice = "check the units of its elements and its epoch, or leave out observations by fit.from and fit.to"
+        with asking(mission, "object", "orbit"):
+            raise InputError(f"{text}; {advice}")
 
 
 def prepare(records: Astrometry, mission: FitMission, ephemeris: Ephemeris) -> Material:

@@ -227,7 +227,7 @@ def _carried(mission: Mission, joint: CovariancePrior, forces: ForceModel, state
 def _state_at(mission: Mission, joint: CovariancePrior, forces: ForceModel) -> tuple[Array, Array]:
     """The nominal state at the epoch of the prior and the partials (6, 6) of it by what the covariance is about."""
     gm = forces.ephemeris.gm_km3_s2["sun"]
-    state = orbit_state(mission, gm)
+    state = orbit_state(mission.object.orbit, gm)
     if joint.epoch != mission.object.orbit.epoch:
         state = carry(state, mission.object.orbit.epoch, joint.epoch, forces).state[0]
     ecliptic = joint.frame == "ecliptic_j2000"

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from nebosvod.borders.treatment import Treatment
 from nebosvod.dynamics import ForceModel, Trajectory
 from nebosvod.dynamics.impact import follow
-from nebosvod.errors import InputError
+from nebosvod.errors import InputError, StepLimitError
 from nebosvod.mission import FitMission, Position, SkyPrediction, Source
 from nebosvod.observation import Nuisance, Observation, Telescope, ZoneBias
 from nebosvod.observation.contracts import Ephemeris as AnyEphemeris
@@ -28,6 +28,7 @@ from nebosvod.scene.scene import MARGIN_S, Scene, covered, times_of
 Array = npt.NDArray[np.float64]
 Rows = npt.NDArray[np.int64]
 STATED = "telescope position as stated"
+NEARLY = 0.95  # of the way to where the steps came to their end: near orbits, flown as far, take a few more
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -142,21 +143,26 @@ def long_span(
     epoch = mission.reference_epoch
     needed = [*span_s, 0.0]
     asked = [when - epoch for when in (*mission.fit.epochs, *([mission.fit.epoch] if mission.fit.epoch else []))]
-    times = needed + asked + times_of(mission.predictions, epoch)
+    times = needed + asked + times_of(mission.predictions, epoch, forces)
     whole = min(times) - MARGIN_S, max(times) + (MARGIN_S if max(times) > max(span_s) else 0.0)
     return covered(whole, (min(*span_s, 0.0), max(needed)), forces, epoch), max(needed)
 
 
 def long_trajectory(mission: FitMission, state: Array, forces: ForceModel, span_s: tuple[float, float]) -> Trajectory:
-    """The orbit over everything the answer needs, or to its impact.
+    """The orbit over everything the answer needs, or to its impact, or as far as its steps last.
 
     Raises
     ------
     EventError, CoverageError
-        If it hits a body, or the ephemeris ends, before the last state asked for.
+        If it hits a body, the ephemeris ends, or its steps do, before the last observation.
     """
-    span, needed = long_span(mission, forces, span_s)
-    return follow(state, mission.reference_epoch, span, needed, forces, True)
+    epoch, (span, needed) = mission.reference_epoch, long_span(mission, forces, span_s)
+    try:
+        return follow(state, epoch, span, needed, forces, True)
+    except StepLimitError as limit:
+        if limit.t_s < needed:
+            raise
+        return follow(state, epoch, (span[0], needed + NEARLY * (limit.t_s - needed)), needed, forces, True)
 
 
 def observation_of(material: Material, trajectory: Trajectory, seen: Look, rows: Rows) -> Observation:

@@ -94,7 +94,7 @@ def build_scene(mission: Mission) -> Scene:
     ephemeris = load_ephemeris(mission)
     forces = force_model(mission, ephemeris)
     require_epochs(mission, ephemeris)
-    span, needed = _span(mission)
+    span, needed = _span(mission, forces)
     span = covered(span, (min(_measured(mission)), needed), forces, mission.reference_epoch)
     with asking(mission, "object", "orbit"):
         state = reference_state(mission, forces)
@@ -237,18 +237,18 @@ def force_model(mission: Mission, ephemeris: Ephemeris) -> ForceModel:
 def reference_state(mission: Mission, forces: ForceModel) -> Array:
     """The nominal state (6,) at the reference epoch, carried there from the epoch of the orbit."""
     orbit = mission.object.orbit
-    state = orbit_state(mission, forces.ephemeris.gm_km3_s2["sun"])
+    state = orbit_state(orbit, forces.ephemeris.gm_km3_s2["sun"])
     if mission.reference_epoch == orbit.epoch:
         return state
     carried: Array = carry(state, orbit.epoch, mission.reference_epoch, forces).state[0]
     return carried
 
 
-def _span(mission: Mission) -> tuple[tuple[float, float], float]:
+def _span(mission: Mission, forces: ForceModel) -> tuple[tuple[float, float], float]:
     """First and last time the orbit is needed, TDB s after the reference epoch, with margins; the last measurement."""
     times = _measured(mission)
     needed = max(times)
-    times += times_of(mission.predictions, mission.reference_epoch)
+    times += times_of(mission.predictions, mission.reference_epoch, forces)
     return (min(times) - MARGIN_S, max(times) + MARGIN_S), needed
 
 
@@ -262,10 +262,16 @@ def _measured(mission: Mission) -> list[float]:
     return times
 
 
-def times_of(predictions: Sequence[Prediction], epoch: Epoch) -> list[float]:
-    """Times the orbit should reach for some predictions, TDB s after an epoch; they need not exist on it."""
+def times_of(predictions: Sequence[Prediction], epoch: Epoch, forces: ForceModel) -> list[float]:
+    """Times the orbit should reach for some predictions, TDB s after an epoch; they need not exist on it.
+
+    Those outside the ephemeris have no answer, however far the orbit is flown.
+    """
     times: list[float] = []
+    first, last = forces.ephemeris.coverage(asteroids=forces.asteroids)
     for prediction in predictions:
+        if not first <= prediction.when <= last:
+            continue
         around = ENCOUNTER_MARGIN_S if hasattr(prediction, "near") else 0.0
         when = prediction.when - epoch
         times += [when - around, when + around]

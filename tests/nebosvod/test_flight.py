@@ -8,10 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from nebosvod.cli import main
+from nebosvod.dynamics import Ephemeris
 from nebosvod.errors import EventError, InputError
 from nebosvod.mission import estimate_cost, load_mission, load_mission_text
 from nebosvod.mission.reading.flight import MOST_STEPS, size_km, steps
 from nebosvod.scene.scene import build_scene
+from nebosvod.timescale import Epoch
 
 AU_KM, GM = 149597870.7, 1.32712440041e11
 MINIMAL = load_mission("minimal").text
@@ -90,6 +93,58 @@ def test_size_of_an_orbit_is_the_same_in_all_its_forms() -> None:
     for frame_speed, wanted in ((speed, (q, a)), (1.5 * speed, (q, math.inf))):
         state = f"position: [{q} km, 0 km, 0 km], velocity: [0 km/s, {frame_speed} km/s, 0 km/s]"
         assert size_km(load_mission_text(of_orbit(state, "state")).object.orbit) == pytest.approx(wanted, rel=1e-9)
+
+
+def beside(
+    body: str, offset_km: tuple[float, float, float], elements: str = "position: [{place}], velocity: [{speed}]"
+) -> str:
+    """A state, ICRF, so far from the centre of a body on 2028-03-20, going with it at 1 km/s more."""
+    ephemeris, epoch = Ephemeris.load(), Epoch.parse("2028-03-20T00:00:00 TDB")
+    state = np.subtract(*(ephemeris.state_km_km_s(name, epoch, np.zeros(1))[0] for name in (body, "sun")))
+    state += [*offset_km, 0.0, 1.0, 0.0]
+    return elements.format(
+        place=", ".join(f"{x:.9f} km" for x in state[:3]), speed=", ".join(f"{x:.9f} km/s" for x in state[3:])
+    )
+
+
+@pytest.mark.parametrize(
+    ("body", "called", "offset", "distance"),
+    [
+        ("earth", "the Earth", (3000.0, 4000.0, 0.0), 5000.0),
+        ("moon", "the Moon", (0.0, 0.0, 1700.0), 1700.0),
+        ("mars", "Mars", (0.0, 3390.0, 0.0), 3390.0),
+        ("jupiter", "Jupiter", (71000.0, 0.0, 0.0), 71000.0),
+        ("pluto", "Pluto", (1.0, 0.0, 0.0), 1.0),
+    ],
+)
+@pytest.mark.parametrize("command", ["check", "run", "validate", "plan"])
+def test_an_orbit_that_starts_inside_a_planet_or_the_moon_is_refused_by_every_command_alike(
+    command: str,
+    body: str,
+    called: str,
+    offset: tuple[float, float, float],
+    distance: float,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    path = tmp_path / "m.yaml"
+    path.write_text(of_orbit(beside(body, offset), "state").replace("ecliptic_j2000", "icrf"), "utf-8")
+    assert main([command, str(path)]) == 2
+    message = capsys.readouterr().err
+    assert message.startswith(f"error: {path}:11:3: object.orbit: starts inside {called} (got ")
+    assert float(message.split("got ")[1].split(" km")[0]) == pytest.approx(distance, rel=1e-4)
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_an_orbit_may_start_over_a_pole_of_the_earth_below_its_equatorial_radius() -> None:
+    """The ellipsoid of WGS 84 is 6356.75 km high at the poles, 6378.14 km at the equator."""
+    for height, wanted in ((6360.0, True), (6354.0, False)):
+        text = of_orbit(beside("earth", (0.0, 0.0, height)), "state").replace("ecliptic_j2000", "icrf")
+        if wanted:
+            assert load_mission_text(text)
+        else:
+            with pytest.raises(InputError, match="starts inside the Earth"):
+                load_mission_text(text)
 
 
 def test_an_orbit_about_the_earth_is_given_up_where_its_steps_would_fill_the_memory() -> None:

@@ -3,15 +3,16 @@
 import math
 from collections.abc import Iterator
 
+from nebosvod.dynamics.constants import RADIUS_KM
 from nebosvod.mission.fields import KeyPath
 from nebosvod.mission.fit import FitMission
 from nebosvod.mission.model import Mission
-from nebosvod.mission.spacecraft import SUN_RADIUS_KM
 from nebosvod.mission.target import Orbit
 
 GM_SUN_KM3_S2 = 1.32712440041e11  # of DE440
 MOST_STEPS = 13_000  # of one flight, as of `nebosvod.dynamics.impact`, which is not loaded for a number
 STEPS_EACH = 17.2  # to a revolution, on a circle; more on an ellipse
+CALLED = {"sun": "the Sun", "earth": "the Earth", "moon": "the Moon"}
 YEAR_S = 365.25 * 86400.0
 LARGEST_STEP_S = 20.0 * 86400.0  # as of `nebosvod.dynamics.integrator`: far from the Sun steps are no longer
 
@@ -36,53 +37,68 @@ def size_km(orbit: Orbit) -> tuple[float, float]:
 
 
 def flights_s(mission: Mission) -> tuple[float, float]:
-    """How long the orbit is flown: from its epoch to the reference epoch, and over all that is asked for."""
+    """How long the orbit is flown: from its epoch to the reference epoch, and over all that can be answered."""
     from nebosvod.mission.reading.rules import ephemeris_span
 
     asked = [epoch for path, epoch in mission.epochs() if path != ("object", "orbit", "epoch")]
     first, last = ephemeris_span(mission.force_model.asteroids)
-    asked += [min(max(prediction.when, first), last) for prediction in mission.predictions]
+    asked += [prediction.when for prediction in mission.predictions if first <= prediction.when <= last]
     asked = asked or [mission.reference_epoch]
     return abs(mission.reference_epoch - mission.object.orbit.epoch), max(asked) - min(asked)
 
 
 def steps(mission: Mission) -> float:
-    """About how many steps of the integration the longer flight takes, from its revolutions and the longest step."""
-    flown, around = flown_s(mission)
+    """About how many steps of the integration the longer flight takes."""
+    return steps_over(mission.object.orbit, max(flights_s(mission)))
+
+
+def steps_over(orbit: Orbit, flown_s: float) -> float:
+    """About how many steps a flight takes, from its revolutions and the longest step."""
+    flown, around = _flown(orbit, flown_s)
     return max(STEPS_EACH * around, flown / LARGEST_STEP_S)
 
 
-def flown_s(mission: Mission) -> tuple[float, float]:
-    """How long the longer flight is, and how many revolutions it makes; an orbit into the Sun makes one at most."""
-    q, a = size_km(mission.object.orbit)
+def _flown(orbit: Orbit, flown_s: float) -> tuple[float, float]:
+    """How long a flight is, and how many revolutions it makes; an orbit into the Sun makes one at most."""
+    q, a = size_km(orbit)
     period = 2.0 * math.pi * math.sqrt(a / GM_SUN_KM3_S2) * a
-    flown = max(flights_s(mission))
-    flown = flown if q >= SUN_RADIUS_KM else min(flown, period)
+    flown = flown_s if q >= RADIUS_KM["sun"] else min(flown_s, period)
     return flown, flown / period
 
 
+def too_often(orbit: Orbit, flown_s: float, between: str) -> str:
+    """Why a flight takes more steps than may be, in words; empty where it does not."""
+    count = steps_over(orbit, flown_s)
+    if count <= MOST_STEPS:
+        return ""
+    flown, around = _flown(orbit, flown_s)
+    often = f"goes round the Sun {around:,.0f} times"
+    how = often if STEPS_EACH * around == count else f"is flown over {flown / YEAR_S:,.0f} years"
+    return f"{how} between {between}, some {count:,.0f} steps of the integration (allowed {MOST_STEPS:,})"
+
+
 def complaints(mission: Mission) -> Iterator[tuple[KeyPath, str]]:
-    """The orbit starts above the Sun, and does not go round it more often than can be flown."""
-    if isinstance(mission, FitMission) and mission.object.given_orbit is None:
+    """Orbits start outside of all bodies, and do not go round the Sun more often than can be flown."""
+    given: dict[KeyPath, Orbit] = {("object", "orbit"): mission.object.orbit}
+    if isinstance(mission, FitMission):
+        given = mission.given_orbits
+    inside = [(place, text) for place, orbit in given.items() if (text := _inside(orbit))]
+    yield from inside
+    if inside or isinstance(mission, FitMission):
         return
-    place: KeyPath = ("object", "orbit")
-    if size_km(mission.object.orbit)[0] < SUN_RADIUS_KM and (r := _distance_km(mission)) < SUN_RADIUS_KM:
-        text = f"starts inside the Sun (got {r:.6g} km from its centre; allowed from {SUN_RADIUS_KM:.0f} km)"
-        yield place, f"{text}; check the units of its elements and its epoch"
-    elif not isinstance(mission, FitMission) and (count := steps(mission)) > MOST_STEPS:
-        flown, around = flown_s(mission)
-        often = f"goes round the Sun {around:,.0f} times"
-        how = often if STEPS_EACH * around == count else f"is flown over {flown / YEAR_S:,.0f} years"
-        text = f"{how} between the epochs of the mission, some {count:,.0f} steps of"
-        yield (
-            place,
-            f"{text} the integration (allowed {MOST_STEPS:,}); bring its epoch, the schedule and the predictions "
-            "nearer to each other",
-        )
+    if text := too_often(mission.object.orbit, max(flights_s(mission)), "the epochs of the mission"):
+        yield ("object", "orbit"), f"{text}; bring its epoch, the schedule and the predictions nearer to each other"
 
 
-def _distance_km(mission: Mission) -> float:
-    """From the centre of the Sun at the epoch of the orbit."""
-    from nebosvod.mission.state import orbit_state  # loads the stages, for an orbit that dives into the Sun only
+def _inside(orbit: Orbit) -> str:
+    """In which body an orbit starts, in words; empty where in none."""
+    from nebosvod.mission.state import body_around_start  # loads the stages, but not their compiler
 
-    return math.hypot(*orbit_state(mission, GM_SUN_KM3_S2)[:3].tolist())
+    found = body_around_start(orbit)
+    if found is None:
+        return ""
+    body, r = found
+    return (
+        f"starts inside {CALLED.get(body, body.capitalize())} (got {r:.6g} km from its centre; allowed from "
+        f"{RADIUS_KM[body]:.0f} km); check the units of its elements and its epoch"
+    )
