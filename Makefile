@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 PIP_INSTALL := -m pip install --quiet --disable-pip-version-check
 
-.PHONY: demo test test-newest test-oldest lock check lint types format long bench fuzz schema docs hooks wheel smoke clean
+.PHONY: demo test test-newest test-oldest lock check lint types format long bench bench-baseline bench-all fuzz schema docs hooks wheel smoke clean
 
 $(STAMP): pyproject.toml requirements.lock
 	$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "nebosvod needs Python 3.11 or newer, this is " + sys.version.split()[0] + "; try: make PYTHON=python3.12")'
@@ -57,7 +57,14 @@ check: lint types test
 long: $(STAMP)
 	$(BIN)/pytest -m long
 
+# The figures that are watched, beside benchmarks/baseline.json; then that file anew; then every benchmark there is.
 bench: $(STAMP)
+	$(BIN)/python benchmarks/figures.py
+
+bench-baseline: $(STAMP)
+	$(BIN)/python benchmarks/figures.py --store
+
+bench-all: $(STAMP)
 	@for script in benchmarks/*.py; do echo "== $$script"; $(BIN)/python $$script || exit 1; done
 
 fuzz: $(STAMP)

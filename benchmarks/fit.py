@@ -1,80 +1,42 @@
 """Time of an orbit fit: one of 200 directions over 60 days, against their number, and a hundred objects in a row.
 
-The orbits are those of benchmarks/propagation.py (JPL Horizons), seen from two places on the ground with noise of
+The orbits are those of peers/cases.py (JPL Horizons), seen from two places on the ground with noise of
 0.2 arcsec; the fit starts 1e-4 au away from the truth. `correct` is the fit proper: damped Gauss-Newton with transition
 matrix through the compiled kernel, residuals, partials, QR, covariance. A hundred objects go through everything that
 `nebosvod fit --split` does but the files it writes: observers, weights, starting orbit, growth of the arc, rejection,
 estimate, answer. Times are CPU times of one thread, medians over repeats.
-Quoted, not measured here: layup 1.1.0, 12.5 ms for such a fit on a 2.0 GHz core.
+peers/layup_fit.py does the same fits by turns with layup.
 Usage: python benchmarks/fit.py [--objects 100] [--observations 510] [--years 6]
 """
 
 import argparse
-import importlib.util
 import statistics
 import sys
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
+from peers.cases import EPOCH, OBJECTS, start_km
+from peers.skies import SIGMA_RAD, off, sky_of
 
 from nebosvod.dynamics import Ephemeris, ForceModel, propagate
-from nebosvod.dynamics.constants import AU_KM
 from nebosvod.estimation.problem.square_root import lower_factor
 from nebosvod.fits.correction import Correction, correct
-from nebosvod.observation import GroundSite, Telescope, observe
 from nebosvod.observation.formats.records import Astrometry
-from nebosvod.observation.measurement.astrometry import merge
 from nebosvod.observation.measurement.direction import offset
 from nebosvod.observation.measurement.exposures import Sky, look
 from nebosvod.observation.reduction.observers import telescopes
-from nebosvod.timescale import SECONDS_PER_DAY, Epoch
+from nebosvod.timescale import SECONDS_PER_DAY
 
-ARCSEC = np.pi / 648000.0
-SIGMA_ARCSEC = 0.2
-LAYUP_MS = 12.5
 GOAL_MS = 1.5
-OFF_AU = 1e-4
-EPOCH = Epoch.parse("2020-01-01T00:00:00 TDB")
 STATIONS = ("F51", "G96", "703", "I41", "T05", "T08", "F52", "W84")
 COUNTS = (50, 100, 200, 500, 1000, 2000, 5000, 10000)
 
 
 def orbits() -> dict[str, np.ndarray]:
-    """Starts (6,) of benchmarks/propagation.py."""
-    spec = importlib.util.spec_from_file_location("propagation", Path(__file__).with_name("propagation.py"))
-    if spec is None or spec.loader is None:
-        raise RuntimeError("benchmarks/propagation.py is not beside this file")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return {name: module.start_km(name) for name in module.OBJECTS}
-
-
-def sky_of(state: np.ndarray, forces: ForceModel, n: int, days: float, rng: np.random.Generator) -> Sky:
-    """n noisy directions over `days` about the epoch, from two places by turns."""
-    t_s = np.sort(rng.uniform(-days / 2.0, days / 2.0, n)) * SECONDS_PER_DAY
-    trajectory = propagate(state, EPOCH, t_s, forces)
-    places = [GroundSite.from_parallax(1.0, 0.8, 0.55), GroundSite.from_parallax(-2.0, 0.9, -0.4)]
-    seen = merge(
-        [
-            observe(trajectory, Telescope(name=f"T{k}", spacecraft=place, sigma_rad=1e-6), t_s[k::2], forces.ephemeris)
-            for k, place in enumerate(places)
-        ]
-    )
-    sigma = SIGMA_ARCSEC * ARCSEC
-    R = np.tile(sigma**2 * np.eye(2), (n, 1, 1))
-    observed = offset(seen.psi, sigma * rng.standard_normal((n, 2)))
-    return Sky.of(EPOCH, seen.t_s, observed, R, seen.telescope_state, forces.ephemeris)
-
-
-def off(state: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """The state moved by 1e-4 au in a random direction, and by as large a part of its velocity."""
-    direction = rng.standard_normal((2, 3))
-    direction /= np.linalg.norm(direction, axis=1)[:, None]
-    speed, distance = np.linalg.norm(state[3:]), np.linalg.norm(state[:3])
-    return state + OFF_AU * np.concatenate([AU_KM * direction[0], AU_KM / distance * speed * direction[1]])
+    """Starts (6,) of peers/cases.py."""
+    return {name: start_km(name) for name in OBJECTS}
 
 
 def timed(run: Callable[[], object], repeats: int) -> float:
@@ -106,10 +68,7 @@ def one_fit(forces: ForceModel, repeats: int) -> float:
         gap = float(np.linalg.norm(found.x[:3] - state[:3]))
         print(f"{name:<30} {spent:7.3f} {found.iterations:11d} {check(found, state):9.1f} {gap:9.0f}")
     median = statistics.median(times)
-    print(
-        f"median {median:.3f} ms (goal {GOAL_MS} ms); layup 1.1.0 quoted at {LAYUP_MS} ms: "
-        f"{LAYUP_MS / median:.1f} times as long"
-    )
+    print(f"median {median:.3f} ms (goal {GOAL_MS} ms)")
     return median
 
 
@@ -178,8 +137,8 @@ def records_of(
         t_s=t_s,
         utc=np.array([(EPOCH + t).iso(scale="utc") for t in t_s.tolist()]),
         psi=np.zeros((n, 2)),
-        precision_rad=np.full((n, 2), 0.01 * ARCSEC),
-        sigma_rad=np.full((n, 2), SIGMA_ARCSEC * ARCSEC),
+        precision_rad=np.full((n, 2), np.radians(0.01 / 3600.0)),
+        sigma_rad=np.full((n, 2), SIGMA_RAD),
         correlation=np.zeros(n),
         timing_sigma_s=empty,
         catalogue=np.full(n, "Gaia2"),
@@ -193,10 +152,10 @@ def records_of(
         discovery=np.zeros(n, dtype=bool),
     )
     places = telescopes(bare, forces.ephemeris)
-    R = np.tile((SIGMA_ARCSEC * ARCSEC) ** 2 * np.eye(2), (n, 1, 1))
+    R = np.tile(SIGMA_RAD**2 * np.eye(2), (n, 1, 1))
     sky = Sky.of(EPOCH, t_s, bare.psi, R, places.state_km_km_s, forces.ephemeris)
     psi = look(propagate(state, EPOCH, sky.span_s, forces), sky).psi
-    return replace(bare, psi=offset(psi, SIGMA_ARCSEC * ARCSEC * rng.standard_normal((n, 2))))
+    return replace(bare, psi=offset(psi, SIGMA_RAD * rng.standard_normal((n, 2))))
 
 
 def main() -> None:
