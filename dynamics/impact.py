@@ -10,11 +10,11 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 
-from nebosvod.dynamics import Encounter, ForceModel, Trajectory, propagate
+from nebosvod.dynamics import Encounter, ForceModel, TargetPlane, Trajectory, find_encounters, propagate, target_plane
 from nebosvod.dynamics.collision import arrival
 from nebosvod.dynamics.encounter import relative_state
 from nebosvod.dynamics.surface import SURFACE_KM, height_km
-from nebosvod.errors import ImpactError
+from nebosvod.errors import GeometryError, ImpactError
 from nebosvod.timescale import Epoch
 
 Array = npt.NDArray[np.float64]
@@ -83,6 +83,31 @@ def impact(trajectory: Trajectory, body: str) -> Encounter | None:
         return None
     t = arrival(trajectory, body, np.array([last - 2.0 * BELOW_S, last]))
     return None if t is None else _encounter(trajectory, body, t)
+
+
+def events(trajectory: Trajectory, body: str, within_km: float = np.inf) -> list[tuple[Encounter, bool]]:
+    """Closest approaches to a body, and the impact that ends the orbit there; each with whether it is an impact."""
+    found = [(event, False) for event in find_encounters(trajectory, body, within_km)]
+    hit = impact(trajectory, body)
+    return found if hit is None else [*[one for one in found if one[0].t_s < hit.t_s], (hit, True)]
+
+
+def b_plane(trajectory: Trajectory, event: Encounter, hits: bool) -> tuple[TargetPlane | None, str]:
+    """The b-plane of an encounter, of an impact that at its gate; None for a captured orbit, with the reason."""
+    try:
+        return target_plane(trajectory, gate(trajectory, event) if hits else event, kind="b_plane"), ""
+    except GeometryError as error:
+        return None, str(error)
+
+
+def time_partials(trajectory: Trajectory, event: Encounter) -> Array:
+    """Partials (k,) of the time of closest approach, s: where r.v = 0, dt = -(v.dr + r.dv)/(v.v + r.a)."""
+    at, (first, last) = trajectory.at([event.t_s]), trajectory.span_s
+    around = np.array([max(event.t_s - 1.0, first), min(event.t_s + 1.0, last)])
+    rate = np.diff(relative_state(trajectory, event.body)(around), axis=0)[0] / np.diff(around)
+    condition = np.concatenate([event.state[3:], event.state[:3]])
+    partials: Array = -(condition @ np.hstack([at.Phi[0], at.zeta[0]])) / float(condition @ rate)
+    return partials
 
 
 def what_it_hits(trajectory: Trajectory) -> Encounter | None:

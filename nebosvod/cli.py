@@ -25,8 +25,10 @@ from nebosvod.errors import EXIT_ENVIRONMENT, EXIT_INPUT, EXIT_INTERNAL, Nebosvo
 from nebosvod.version import __version__
 
 VERBS = {
+    "approaches": "What an orbit comes near to, and how near.",
     "check": "Validate a mission and show what it means; run nothing.",
     "compare": "Show several runs side by side.",
+    "ephemeris": "Where an orbit is seen, with its ellipse.",
     "fit": "Fit an orbit to real observations.",
     "init": "Write a commented mission to start from.",
     "missions": "List the built-in missions.",
@@ -78,6 +80,8 @@ def app() -> None:
         nebosvod plan my.yaml -p NAME     what to measure next
         nebosvod compare DIR DIR          runs side by side
         nebosvod fit FILE...              an orbit from real observations
+        nebosvod ephemeris ORBIT ...      where it is seen, and how well that is known
+        nebosvod approaches ORBIT ...     what it comes near to, and how near
 
     Exit codes: 0 done, 1 finished but not trustworthy (not observable, not converged, nothing visible),
     2 wrong input, 3 missing data, disk or permission, 4 internal error, 130 interrupted.

@@ -24,7 +24,20 @@ PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md")])
 LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 SAVE_AS = re.compile(r"[Ss]ave (?:it|this) as\s+`([\w.-]+)`")
-COMMANDS = ("run", "fit", "check", "init", "missions", "report", "schema", "validate", "plan", "compare")
+COMMANDS = (
+    "approaches",
+    "ephemeris",
+    "run",
+    "fit",
+    "check",
+    "init",
+    "missions",
+    "report",
+    "schema",
+    "validate",
+    "plan",
+    "compare",
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -5,13 +5,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from nebosvod.dynamics import Encounter, TargetPlane, Trajectory, find_encounters, perigee_distance, target_plane
-from nebosvod.dynamics.encounter import relative_state
-from nebosvod.dynamics.impact import follow, gate, impact, osculating_perigee, what_it_hits
+from nebosvod.dynamics import Encounter, TargetPlane, Trajectory, perigee_distance, target_plane
+from nebosvod.dynamics.impact import b_plane, events, follow, osculating_perigee, time_partials, what_it_hits
 from nebosvod.dynamics.surface import height_km
 from nebosvod.engine.entry import Entry, entry_point
 from nebosvod.engine.quantity import Disc, Quantity, make_quantity, time_scale
-from nebosvod.errors import CoverageError, EventError, GeometryError, NoAnswerError
+from nebosvod.errors import CoverageError, EventError, NoAnswerError
 from nebosvod.mission.request import EncounterPrediction
 from nebosvod.scene.scene import Scene
 from nebosvod.timescale import SECONDS_PER_DAY, Epoch
@@ -19,7 +18,6 @@ from nebosvod.timescale import SECONDS_PER_DAY, Epoch
 Array = npt.NDArray[np.float64]
 NEAR_S = 3.0 * SECONDS_PER_DAY  # from `near`: an encounter farther than this is another one
 SEARCHED_S = 366.0 * SECONDS_PER_DAY  # to either side, for the encounters that a row without an answer names
-Event = tuple[Encounter, bool]  # and whether it is an impact
 
 
 def encounter_quantity(
@@ -37,10 +35,10 @@ def encounter_quantity(
         If there is no such encounter, no such plane, or no entry.
     """
     event, hits = _chosen(scene, trajectory, request, about)
-    plane, reason = _b_plane(trajectory, event, hits)
+    plane, reason = b_plane(trajectory, event, hits)
     ground = entry_point(trajectory, event, 0.0) if hits else None
     facts = _facts(event, hits, request) | _place(ground)
-    by_time = _passage(trajectory, event) if ground is None else ground.time_partials
+    by_time = time_partials(trajectory, event) if ground is None else ground.time_partials
     common: dict[str, Any] = {"disc": None if plane is None else _disc(plane), "further": {"time_s": by_time}}
     if request.plane == "entry":
         return _entry(scene, trajectory, event, request, facts, common, about)
@@ -96,30 +94,12 @@ def _place(ground: Entry | None) -> dict[str, Any]:
     }
 
 
-def _b_plane(trajectory: Trajectory, event: Encounter, hits: bool) -> tuple[TargetPlane | None, str]:
-    """The b-plane of an encounter; None for a captured orbit, with the reason."""
-    try:
-        return target_plane(trajectory, gate(trajectory, event) if hits else event, kind="b_plane"), ""
-    except GeometryError as error:
-        return None, str(error)
-
-
 def _disc(plane: TargetPlane) -> Disc:
     return Disc(
         value=plane.coordinates_km,
         partials=np.hstack([plane.partials_state, plane.partials_parameters]),
         radius_km=plane.capture_radius_km,
     )
-
-
-def _passage(trajectory: Trajectory, event: Encounter) -> Array:
-    """Partials (k,) of the time of closest approach, s: where r.v = 0, dt = -(v.dr + r.dv)/(v.v + r.a)."""
-    at, (first, last) = trajectory.at([event.t_s]), trajectory.span_s
-    around = np.array([max(event.t_s - 1.0, first), min(event.t_s + 1.0, last)])
-    rate = np.diff(relative_state(trajectory, event.body)(around), axis=0)[0] / np.diff(around)
-    condition = np.concatenate([event.state[3:], event.state[:3]])
-    partials: Array = -(condition @ np.hstack([at.Phi[0], at.zeta[0]])) / float(condition @ rate)
-    return partials
 
 
 def _entry(
@@ -183,8 +163,7 @@ def _chosen(
 ) -> tuple[Encounter, bool]:
     """The closest approach nearest in time to `near`, and whether it is an impact."""
     when = (about or request.near) - scene.epoch
-    events = _events(trajectory, request.body)
-    nearest = min(events, key=lambda event: abs(event[0].t_s - when), default=None)
+    nearest = min(events(trajectory, request.body), key=lambda event: abs(event[0].t_s - when), default=None)
     if nearest is not None and (about is not None or abs(nearest[0].t_s - when) <= NEAR_S):
         return nearest
     asked = request.near.iso(request.near.scale, 0)
@@ -194,13 +173,6 @@ def _chosen(
         status="no_encounter",
         facts={"body": request.body},
     )
-
-
-def _events(trajectory: Trajectory, body: str) -> list[Event]:
-    """Closest approaches to a body, and the impact that ends the orbit there."""
-    events = [(event, False) for event in find_encounters(trajectory, body)]
-    hit = impact(trajectory, body)
-    return events if hit is None else [*[one for one in events if one[0].t_s < hit.t_s], (hit, True)]
 
 
 def _others(scene: Scene, trajectory: Trajectory, request: EncounterPrediction) -> str:
@@ -213,10 +185,10 @@ def _others(scene: Scene, trajectory: Trajectory, request: EncounterPrediction) 
         wide = follow(start, scene.epoch, span, 0.0, trajectory.forces, False)
     except (EventError, CoverageError):
         wide = trajectory
-    events = [event for event in _events(wide, request.body) if abs(event[0].t_s - when) <= SEARCHED_S]
+    near = [event for event in events(wide, request.body) if abs(event[0].t_s - when) <= SEARCHED_S]
     around = [
-        max((e for e in events if e[0].t_s < when), key=lambda e: e[0].t_s, default=None),
-        min((e for e in events if e[0].t_s >= when), key=lambda e: e[0].t_s, default=None),
+        max((e for e in near if e[0].t_s < when), key=lambda e: e[0].t_s, default=None),
+        min((e for e in near if e[0].t_s >= when), key=lambda e: e[0].t_s, default=None),
     ]
     said = [
         f"{event.epoch.iso(request.near.scale, 0)} ({'an impact' if hits else f'{event.distance_km:.4g} km'})"

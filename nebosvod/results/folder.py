@@ -19,7 +19,12 @@ Array = npt.NDArray[np.float64]
 Item = Mapping[str, Any]
 SCHEMA_VERSION = 1
 HERE = Path(__file__).parent
-SCHEMAS = (HERE / "summary.schema.json", HERE / "fit_summary.schema.json")  # of a run, of a fit
+SCHEMAS = {  # by the kind that a summary says; a run says none
+    None: HERE / "summary.schema.json",
+    "fit": HERE / "fit_summary.schema.json",
+    "ephemeris": HERE / "ephemeris.schema.json",
+    "approaches": HERE / "approaches.schema.json",
+}
 REQUIRED = ("mission", "object", "reference_epoch_tdb", "n_observations", "telescopes", "estimators")
 
 
@@ -118,7 +123,13 @@ def require_sound_summary(path: Path) -> None:
     """
     summary = _read_json(path / "summary.json")
     require_version(path / "summary.json", summary, SCHEMA_VERSION)
-    require_shape(path / "summary.json", summary, schema_file(SCHEMAS[summary.get("kind") == "fit"]))
+    require_shape(path / "summary.json", summary, schema_file(schema_of(summary)))
+
+
+def schema_of(summary: Item) -> Path:
+    """The JSON Schema of a summary; one of an unknown kind is held against that of a run."""
+    kind = summary.get("kind")
+    return SCHEMAS.get(kind if isinstance(kind, str) else None, SCHEMAS[None])
 
 
 def _read_json(path: Path) -> dict[str, Any]:

@@ -55,6 +55,8 @@ class Result:
     @property
     def failed(self) -> bool:
         """True if any estimator did not converge or could not observe the state, or something asked has no answer."""
+        if "estimators" not in self.summary:  # of an orbit that is given
+            return bool(self.summary["ended"])
         return any(row["status"] in FAILED_STATUSES for row in self.summary["estimators"]) or bool(
             without_answer([*self.summary["predictions"], *self.summary.get("further", ())])
         )

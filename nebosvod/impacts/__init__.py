@@ -1,0 +1,1 @@
+"""What an orbit comes near to, how near with what sigma, and whether it may hit."""
