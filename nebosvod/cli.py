@@ -21,7 +21,15 @@ from typing import Any, NoReturn
 import click
 
 from nebosvod.borders.interrupts import EXIT_INTERRUPTED, end, interruptible
-from nebosvod.errors import EXIT_ENVIRONMENT, EXIT_INPUT, EXIT_INTERNAL, NebosvodError, NebosvodNotice, notes_of
+from nebosvod.errors import (
+    EXIT_ENVIRONMENT,
+    EXIT_INPUT,
+    EXIT_INTERNAL,
+    NebosvodError,
+    NebosvodNotice,
+    notes_of,
+    printable,
+)
 from nebosvod.version import __version__
 
 VERBS = {
@@ -39,6 +47,7 @@ VERBS = {
     "validate": "Simulate many times: can the sigmas be believed?",
 }
 TOGETHER = {"init": "start", "missions": "start", "schema": "start"}  # verbs that share a file
+LONGEST_WORD = 400  # letters of the command line that a message repeats whole
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 
 
@@ -129,9 +138,18 @@ def entry() -> NoReturn:
 def _show_warning(show: Callable[..., None], message: Warning | str, kind: type[Warning], *place: Any) -> None:
     """A notice of this program is a line on stderr; any other warning is shown as Python does."""
     if issubclass(kind, NebosvodNotice):
-        click.echo(f"notice: {message}", err=True)
+        click.echo(f"notice: {printable(str(message))}", err=True)
     else:
         show(message, kind, *place)
+
+
+def _lines(message: str, argv: Sequence[str]) -> list[str]:
+    """The lines of a message; a long word of the command line is cut, one with line breaks stays on its line."""
+    for word in argv:
+        if not word.isprintable() or len(word) > LONGEST_WORD:
+            cut = f"{word[: LONGEST_WORD // 2]}..." if len(word) > LONGEST_WORD else word
+            message = message.replace(word, printable(cut))
+    return [printable(line) for line in message.split("\n")]
 
 
 def _answered(argv: Sequence[str], debug: bool) -> int:
@@ -141,10 +159,10 @@ def _answered(argv: Sequence[str], debug: bool) -> int:
     except NebosvodError as error:
         if debug:
             raise
-        for line in str(error).splitlines():  # of several things that are wrong each has a line
+        for line in _lines(str(error), argv):  # of several things that are wrong each has a line
             click.echo(f"error: {line}", err=True)
         for note in notes_of(error):
-            click.echo(f"notice: {note}", err=True)
+            click.echo(f"notice: {printable(note)}", err=True)
         return error.exit_code
     except click.ClickException as error:
         error.show()
@@ -156,7 +174,7 @@ def _answered(argv: Sequence[str], debug: bool) -> int:
         if debug:
             raise
         what = f"{error.filename}: {error.strerror}" if error.filename else str(error)
-        click.echo(f"error: the system refused: {what}; check disk space and permissions", err=True)
+        click.echo(f"error: the system refused: {_lines(what, argv)[0]}; check disk space and permissions", err=True)
         return EXIT_ENVIRONMENT
     except MemoryError as error:
         if debug:

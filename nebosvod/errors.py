@@ -24,6 +24,11 @@ def listed(names: Sequence[str], most: int = 6) -> str:
     return f"{', '.join(names[: most // 2])} and {len(names) - most // 2} others"
 
 
+def printable(text: str) -> str:
+    """Text on one line that cannot disturb a terminal: what cannot be shown is escaped."""
+    return "".join(letter if letter.isprintable() else ascii(letter)[1:-1] for letter in text)
+
+
 class NebosvodError(Exception):
     """Base of all errors of this package.
 

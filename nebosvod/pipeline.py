@@ -22,6 +22,7 @@ from nebosvod.findings.foretold import foretell
 from nebosvod.fits.answer import Answer, answer
 from nebosvod.fits.engine import fit_object
 from nebosvod.mission import FitMission, Mission
+from nebosvod.mission.fields import line_of_text
 from nebosvod.mission.fit import FitPlan
 from nebosvod.mission.reading.reader import require_mission
 from nebosvod.mission.slugs import slug
@@ -106,6 +107,20 @@ def _samples(
     return {estimator.name: sample for estimator, sample in zip(estimators, found)}
 
 
+def named(designations: Sequence[str]) -> tuple[str, ...]:
+    """Designations as somebody typed them, without blanks around them.
+
+    Raises
+    ------
+    InputError
+        If one is empty, long, or cannot be shown.
+    """
+    try:
+        return tuple(line_of_text(word) for word in designations)
+    except InputError as error:
+        raise InputError(f"--object: {error}; name a designation as the records have it") from None
+
+
 def mission_of(files: Sequence[str], designations: Sequence[str] = ()) -> FitMission:
     """The fit of plain files: everything else as by default.
 
@@ -114,6 +129,7 @@ def mission_of(files: Sequence[str], designations: Sequence[str] = ()) -> FitMis
     InputError
         If there is no file.
     """
+    designations = named(designations)
     if not files:
         raise InputError("no observations: name their files, or one settings file (.yaml) with a fit block")
     stem = slug(Path(files[0]).name.partition(".")[0], "observations")

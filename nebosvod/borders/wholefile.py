@@ -109,6 +109,8 @@ def refuse_link(path: Path, kind: int) -> None:
 
 def reason(error: OSError | ValueError) -> str:
     """Why the system refused, in words."""
+    if isinstance(error, FileExistsError | NotADirectoryError):
+        return "a file stands where a folder is needed"
     if isinstance(error, OSError):
         return "the disk is full" if error.errno == errno.ENOSPC else error.strerror or str(error)
     return str(error)

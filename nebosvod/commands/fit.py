@@ -25,7 +25,7 @@ from nebosvod.errors import EXIT_QUALITY, InputError
 @click.option(
     "--suggest",
     type=click.Path(path_type=Path, dir_okay=False),
-    help="Also write the settings that would mend what the tests found.",
+    help="Also write the settings that would mend what the tests found, if anything.",
 )
 @click.option("--overwrite", is_flag=True, help="Replace an earlier fit in the same folder.")
 @click.option("--json", "as_json", is_flag=True, help="Print summary.json, and nothing else, on stdout.")

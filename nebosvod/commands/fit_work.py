@@ -10,7 +10,7 @@ from nebosvod.errors import InputError, NebosvodError, notes_of
 from nebosvod.fits.suggestion import writable, write_suggestion
 from nebosvod.mission import FitMission, load_fit
 from nebosvod.mission.slugs import slug
-from nebosvod.pipeline import every, fitted, mission_of, objects
+from nebosvod.pipeline import every, fitted, mission_of, named, objects
 from nebosvod.report.pages import report_text
 from nebosvod.results.result import OwnedFolder, json_text
 from nebosvod.scene.dates import chosen_dates
@@ -41,7 +41,7 @@ def resolved(
     mission = load_fit(settings[0]) if settings else mission_of(files, designations)
     said = dict(chosen_dates(mission, since, until))
     if designations:
-        said["designation"] = tuple(designations)
+        said["designation"] = named(designations)
     if not said:
         return mission
     return mission.model_copy(update={"fit": mission.fit.model_copy(update=said)})
@@ -65,7 +65,10 @@ def fit_one(
         result, found = fitted(mission, records, load_ephemeris(mission), say, export=export)
         target.publish(result)
     if suggest is not None:
-        write_suggestion(suggest, mission, found.fit.found, found.fit.epoch, overwrite)
+        written = write_suggestion(suggest, mission, found.fit.found, found.fit.epoch, overwrite)
+        if not written:
+            text = "the tests found no shared error and no missing force, so there is nothing to suggest"
+            click.echo(f"notice: {text}: {suggest} is not written", err=True)
     if as_json:
         click.echo(result.summary_text(), nl=False)
     else:

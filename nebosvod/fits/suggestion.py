@@ -8,12 +8,14 @@ from typing import Any
 import numpy as np
 import yaml
 
-from nebosvod.errors import DataError, InputError
+from nebosvod.borders.wholefile import require_place, whole_file
+from nebosvod.errors import InputError, OutputError
 from nebosvod.fits.leading import Led
 from nebosvod.fits.missing_force import foremost
 from nebosvod.fits.shared_errors import SharedError
 from nebosvod.mission import FitMission
 from nebosvod.mission.slugs import slug
+from nebosvod.mission.yaml.yamlfile import parse_yaml
 from nebosvod.timescale import SECONDS_PER_DAY, Epoch
 from nebosvod.units import ARCSEC
 
@@ -21,6 +23,7 @@ WIDER = 2.0  # prior sigma against the size that was found: it must not lead
 SHORTEST_S = 0.5 * SECONDS_PER_DAY
 PARTS = 20.0  # of the span: correlation time of a wander
 PATHS = ("weights", "debias")
+MARK = "# Settings that nebosvod fit --suggest has written; --overwrite replaces them while this line stands first."
 
 
 def entry(one: SharedError, epoch: Epoch) -> dict[str, Any]:
@@ -64,7 +67,8 @@ def suggested(mission: FitMission, found: Led, epoch: Epoch, folder: Path) -> di
     epoch : from which the spans of shared errors count.
     folder : where the settings will stand; files are named as they are seen from there.
     """
-    given: dict[str, Any] = (yaml.safe_load(mission._text) or {}) if mission._text else {}
+    read = parse_yaml(mission._text, mission.name).tree if mission._text else {}
+    given: dict[str, Any] = dict(read) if isinstance(read, dict) else {}
     said: dict[str, Any] = given | {"schema_version": 1, "name": f"{slug(mission.name, 'name')}-mended"}
     plan = dict(said.get("fit") or {}) | _plan(mission)
     plan["observations"] = [_from(folder, mission, name) for name in mission.fit.observations]
@@ -97,37 +101,47 @@ def suggested(mission: FitMission, found: Led, epoch: Epoch, folder: Path) -> di
 
 
 def writable(path: Path, overwrite: bool) -> None:
-    """Refuse a name for suggested settings before anything is computed.
+    """Refuse a place for suggested settings before anything is computed.
 
     Raises
     ------
     InputError
-        If the file is there and must not be replaced, or is no settings file by its name.
+        If it is no settings file by its name.
+    OutputError
+        If it cannot be written, or a file is there that must not be replaced: of those only what was suggested before.
     """
     if path.suffix not in (".yaml", ".yml"):
         raise InputError(f"--suggest: {path} is no settings file by its name; give it .yaml")
-    if path.exists() and not overwrite:
-        raise InputError(f"--suggest: {path} exists already; choose another name, or give --overwrite")
+    try:
+        require_place(path)
+        if not path.exists():
+            return
+        if not overwrite:
+            raise OutputError(f"{path}: exists already; choose another name, or give --overwrite")
+        with path.open("rb") as file:
+            if file.read(len(MARK)) != MARK.encode():
+                text = "was not suggested by this program, and only what was is replaced; choose another name"
+                raise OutputError(f"{path}: {text}")
+    except OutputError as error:
+        raise OutputError(f"--suggest: {error}") from None
 
 
-def write_suggestion(path: Path, mission: FitMission, found: Led, epoch: Epoch, overwrite: bool) -> None:
-    """Write those settings.
+def write_suggestion(path: Path, mission: FitMission, found: Led, epoch: Epoch, overwrite: bool) -> bool:
+    """Write those settings; returns whether there was anything to mend, for else nothing is written.
 
     Raises
     ------
-    InputError
-        If the file is there and must not be replaced.
-    DataError
-        If it cannot be written.
+    OutputError
+        If they cannot be written, or must not.
     """
-    text = yaml.safe_dump(suggested(mission, found, epoch, path.parent), sort_keys=False, allow_unicode=True, width=110)
-    try:
-        with path.open("w" if overwrite else "x", encoding="utf-8") as file:
-            file.write(text)
-    except FileExistsError:
-        raise InputError(f"{path}: exists already; choose another name for --suggest, or give --overwrite") from None
-    except OSError as error:
-        raise DataError(f"{path}: cannot be written ({error.strerror or error})") from None
+    if not found.errors and foremost(found.forces) is None:
+        return False
+    writable(path, overwrite)
+    settings = suggested(mission, found, epoch, path.parent)
+    text = f"{MARK}\n{yaml.safe_dump(settings, sort_keys=False, allow_unicode=True, width=110)}"
+    with whole_file(path, new=not overwrite) as file:
+        file.write(text.encode("utf-8"))
+    return True
 
 
 def _plan(mission: FitMission) -> dict[str, Any]:

@@ -11,6 +11,8 @@ from nebosvod import __version__
 from nebosvod.cli import main
 from nebosvod.mission import load_mission
 
+MADE = Path(__file__).parent / "everything" / "made.obs80"
+EVERYTHING = MADE.with_name("fit.yaml")
 HEAVY = ("numba", "scipy", "astropy", "matplotlib", "jplephem", "jinja2", "rich")
 
 
@@ -251,3 +253,53 @@ def test_a_run_does_not_load_what_only_fits_and_campaigns_need(tmp_path: Path) -
     folder = str(tmp_path / "run")
     loaded = modules_after(f"from nebosvod.cli import main\nassert main(['run', 'minimal', '-o', {folder!r}]) == 0")
     assert not {name for name in loaded if name.split(".")[:2] == ["scipy", "stats"]}
+
+
+ODD_WORDS = ("", " ", "\x1b[31m", "a\nb", "a" * 5000, "\udcff", "☄", "nan", "1e400", "-1", "9" * 400)
+
+
+@pytest.mark.parametrize("word", ODD_WORDS, ids=range(len(ODD_WORDS)))
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("fit", str(MADE), "--object"), ("fit", str(MADE), "--object", "2024 AA1", "--object"),
+        ("fit", str(MADE), "--from"),
+        ("fit", str(EVERYTHING), "--object"), ("fit", str(MADE), "--suggest"), ("plan", "minimal", "--estimator"),
+        ("plan", "minimal", "-p", "ten days later", "--step"), ("validate", "minimal", "--runs"),
+        ("run", "minimal", "--seed"), ("report",), ("run",), ("check",), ("fit",),
+    ],
+    ids=" ".join,
+)  # fmt: skip
+def test_an_odd_word_on_the_command_line_is_wrong_input_told_on_one_safe_line(
+    command: tuple[str, ...],
+    word: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main([*command, word]) in (2, 3)  # 3: no file can have a name of 5000 letters
+    said = capsys.readouterr().err
+    assert "Traceback" not in said
+    assert all(line.isprintable() and (len(line) < 1000 or "Invalid value" in line) for line in said.splitlines())
+    assert sum(line.lower().startswith("error: ") for line in said.split("\n")) == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_whose_name_holds_a_line_break_is_told_on_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "new\nline\x1b[31m"
+    for _ in range(2):
+        code = main(["run", "minimal", "-o", str(folder)])
+        said = capsys.readouterr().err
+    assert code == 3
+    advice = "use --overwrite to replace that run, or -o for another folder"
+    assert said.splitlines() == [f"error: {tmp_path}/new\\nline\\x1b[31m: exists already; {advice}"]
+
+
+def test_a_file_where_a_folder_is_needed_is_called_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "file").write_text("x")
+    for command in (["run", "minimal", "-o"], ["fit", str(MADE), "-o"], ["validate", "minimal", "--runs", "60", "-o"]):
+        assert main([*command, str(tmp_path / "file" / "x")]) == 3
+        assert "a file stands where a folder is needed" in capsys.readouterr().err

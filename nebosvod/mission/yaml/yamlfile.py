@@ -16,7 +16,7 @@ from typing import Any
 
 import yaml
 
-from nebosvod.errors import DataError, InputError
+from nebosvod.errors import DataError, InputError, printable
 
 MAX_BYTES = 1_000_000
 MAX_DEPTH = 32
@@ -104,8 +104,7 @@ def read_text(path: Path) -> str:
 
 def shown(text: str, limit: int = 200) -> str:
     """Text made safe for a terminal: control characters and stray bytes escaped, long text cut."""
-    cut = text if len(text) <= limit else text[:limit] + "..."
-    return "".join(letter if letter.isprintable() else ascii(letter)[1:-1] for letter in cut)
+    return printable(text if len(text) <= limit else text[:limit] + "...")
 
 
 def fail(name: str, mark: Mark, text: str) -> InputError:

@@ -280,7 +280,7 @@ def test_the_suggested_settings_mend_the_fit(world, capsys):
     assert found["estimate"] == pytest.approx(0.13 * unit, abs=4.0 * found["sigma"])
     assert summary["fit"]["shared_errors"] == []
     capsys.readouterr()
-    assert main(["fit", str(world.folder / "mix.psv"), "-o", str(world.folder / "third"), "--suggest", str(out)]) == 2
+    assert main(["fit", str(world.folder / "mix.psv"), "-o", str(world.folder / "third"), "--suggest", str(out)]) == 3
     assert "exists already" in capsys.readouterr().err
 
 
