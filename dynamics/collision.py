@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nebosvod.dynamics.encounter import closest_approaches, relative_state
-from nebosvod.dynamics.ephemeris import ASTEROID_NUMBERS, Ephemeris
+from nebosvod.dynamics.ephemeris import PLANETS, Ephemeris
 from nebosvod.dynamics.model import ForceModel
 from nebosvod.dynamics.surface import SURFACE_KM, height_km
 from nebosvod.dynamics.trajectory import Trajectory
@@ -19,6 +19,8 @@ IMPACT_TIDE = 1e-7  # s^-2: GM/r^3 at the surface of every body is larger (Satur
 IMPACT_SAMPLES = 33  # to a step
 AT_ONCE = 1000  # steps sampled at a time: 20 MB
 IMPACT_GRAIN_S = 1e-3  # to which the time of an impact is found
+MASSIVE = tuple(body for body in PLANETS if body in SURFACE_KM)  # what an orbit cannot begin inside of
+THREE = np.ones(3)
 
 
 def require_no_impact(trajectory: Trajectory, tide: Array) -> None:
@@ -62,12 +64,15 @@ def require_start_above(start: Array, epoch: Epoch, forces: ForceModel) -> None:
     ----------
     start : heliocentric ICRF state (6,) at the epoch, km and km/s.
     """
-    names = tuple(body for body in forces.bodies if body in SURFACE_KM and body not in ASTEROID_NUMBERS)
-    places, radii = _places(forces.ephemeris, epoch, names)
-    distances = np.linalg.norm(start[:3] - places, axis=1)
+    # every force model has the Sun, all planets and the Moon
+    places, radii, reach = _places(forces.ephemeris, epoch)
+    gaps = start[:3] - places
+    if (gaps * gaps @ THREE > reach).all():
+        return
+    distances = np.linalg.norm(gaps, axis=1)
     for k in np.flatnonzero(distances < radii):
-        body = names[k]
-        if height_km(body, (start[:3] - places[k])[None], epoch, np.zeros(1))[0] < 0.0:
+        body = MASSIVE[k]
+        if height_km(body, gaps[k][None], epoch, np.zeros(1))[0] < 0.0:
             raise ImpactError(
                 f"the asteroid hits {body} at about {epoch.iso(digits=0)}: {distances[k]:.0f} km from its centre, "
                 f"radius {radii[k]:.0f} km; {_advice(0.0)}",
@@ -77,12 +82,16 @@ def require_start_above(start: Array, epoch: Epoch, forces: ForceModel) -> None:
 
 
 @lru_cache(maxsize=64)
-def _places(ephemeris: Ephemeris, epoch: Epoch, bodies: tuple[str, ...]) -> tuple[Array, Array]:
-    """Heliocentric places (k, 3) and radii (k,) of bodies, km: a fit begins at one epoch many times."""
+def _places(ephemeris: Ephemeris, epoch: Epoch) -> tuple[Array, Array, Array]:
+    """Heliocentric places (k, 3) and radii (k,) of MASSIVE, km, and what no square of a distance from outside is below.
+
+    Kept, for a fit begins at one epoch many times.
+    """
     now = np.zeros(1)
     sun = ephemeris.position_km("sun", epoch, now)[0]
-    places = np.array([ephemeris.position_km(body, epoch, now)[0] - sun for body in bodies]).reshape(-1, 3)
-    return places, np.array([SURFACE_KM[body] for body in bodies])
+    places = np.array([ephemeris.position_km(body, epoch, now)[0] - sun for body in MASSIVE])
+    radii = np.array([SURFACE_KM[body] for body in MASSIVE])
+    return places, radii, radii**2 * (1.0 + 1e-9)
 
 
 def _may_reach(trajectory: Trajectory, body: str, ends: Array) -> npt.NDArray[np.bool_]:

@@ -64,13 +64,14 @@ def join(
     backward: Steps | None, forward: Steps | None, window: Window, count: int, nodes: list[Array] | None = None
 ) -> StepTable:
     """Put the steps of a backward and a forward integration from t = 0 into one ascending table."""
-    if backward is None and forward is not None:
-        merged, behind = forward, 0
+    first = NO_STEPS if backward is None else backward
+    behind = len(first.start)
+    if not behind and forward is not None:
+        merged = forward
+    elif forward is None:
+        merged = Steps(*(np.ascontiguousarray(field[::-1]) for field in first))
     else:
-        parts = [Steps(*(np.ascontiguousarray(field[::-1]) for field in backward or NO_STEPS))]
-        behind = len(parts[0].start)
-        parts += [] if forward is None else [forward]
-        merged = parts[0] if len(parts) == 1 else Steps(*(np.concatenate(fields) for fields in zip(*parts)))
+        merged = Steps(*(np.concatenate((one[::-1], other)) for one, other in zip(first, forward)))
     edges = np.empty(len(merged.start) + 1)
     edges[:-1] = merged.start
     if behind:

@@ -19,7 +19,7 @@ from nebosvod.dynamics.constants import (
     J2000_JD,
     RADIATION_KM3_S2_PER_M2_KG,
 )
-from nebosvod.dynamics.ephemeris import ASTEROIDS, PLANETS, Ephemeris, Window
+from nebosvod.dynamics.ephemeris import ASTEROIDS, BEYOND_S, PLANETS, Ephemeris, Window
 from nebosvod.dynamics.nongrav import Nongrav
 from nebosvod.dynamics.radiation import SHADOW_RANGE_KM, RadiationPressure
 from nebosvod.errors import InputError
@@ -42,6 +42,7 @@ SUN_POLE: Array = np.array(
 OWN_RADII = 10.0
 # Columns that the kernel integrates; every parameter is a multiple of one of them
 COLUMNS = ("kappa", "a1", "a2", "a3")
+MOST_ARCS = 4  # kept at a time
 SWITCHES = ("asteroids", "earth_oblateness", "sun_oblateness", "earth_shadow")
 
 
@@ -66,6 +67,16 @@ class Physics(NamedTuple):
     nongrav_on: bool
     nongrav_law: Array  # (5,) alpha, r0 in km, m, n, k
     nongrav_unit: float  # km^3/s^2 per au/d^2
+
+
+class Arc(NamedTuple):
+    """What every integration over one arc needs."""
+
+    low_s: float  # from here, after the epoch, to
+    high_s: float
+    window: Window
+    sun: Array  # (6,) barycentric at the epoch
+    physics: Physics
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -116,6 +127,7 @@ class ForceModel:
     _gm: Array = field(init=False, repr=False)
     _columns: "tuple[npt.NDArray[np.int64], Array]" = field(init=False, repr=False)
     _physics: "dict[tuple[float, float], Physics]" = field(init=False, repr=False, default_factory=dict)
+    _arcs: "dict[tuple[float, ...], Arc]" = field(init=False, repr=False, default_factory=dict)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "parameters", tuple(self.parameters))
@@ -262,6 +274,27 @@ class ForceModel:
             for place, factor in wanted[column].items():
                 chain[row, place] = factor
         return np.array(used, dtype=np.int64), chain
+
+
+def arc_of(forces: ForceModel, epoch: Epoch, low_s: float, high_s: float, margin_s: float) -> Arc:
+    """The arc from `low_s` to `high_s` with a margin before it, inside the ephemeris and never empty.
+
+    Kept for the next call: a fit integrates over one arc again and again, and finding all this takes longer than
+    integrating a month.
+    """
+    key = (epoch.day, epoch.fraction, low_s, high_s, margin_s)
+    arc = forces._arcs.get(key)
+    if arc is None:
+        for end_s in (low_s, high_s):
+            forces.ephemeris.require(epoch, end_s, asteroids=forces.asteroids)
+        first, _ = forces.ephemeris.coverage(asteroids=forces.asteroids)
+        low = max(low_s - margin_s, first - epoch - BEYOND_S)
+        high = high_s if low < high_s else low + 1.0
+        arc = Arc(low, high, forces.window(epoch, low, high), forces.ephemeris.sun_at(epoch), forces.physics(epoch))
+        if len(forces._arcs) >= MOST_ARCS:
+            forces._arcs.clear()
+        forces._arcs[key] = arc
+    return arc
 
 
 def _yes_or_no(name: str, value: object) -> bool:

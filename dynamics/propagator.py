@@ -11,7 +11,7 @@ from nebosvod.dynamics import integrator
 from nebosvod.dynamics.collision import require_no_impact, require_start_above
 from nebosvod.dynamics.dense import join
 from nebosvod.dynamics.ephemeris import BEYOND_S
-from nebosvod.dynamics.model import ForceModel, Physics
+from nebosvod.dynamics.model import ForceModel, Physics, arc_of
 from nebosvod.dynamics.trajectory import Trajectory, make_trajectory
 from nebosvod.dynamics.workspace import NO_NODES, NO_SAMPLES, NO_STEPS, Steps
 from nebosvod.errors import EventError, InputError, StepLimitError
@@ -73,15 +73,13 @@ def propagate(
         raise InputError(f"most_steps: needs a number from 1 to {integrator.MOST_STEPS} (got {most_steps})")
     if not TIGHTEST <= tolerance <= LOOSEST:
         raise InputError(f"tolerance: needs a number from {TIGHTEST} to {LOOSEST} (got {tolerance})")
-    low, high = _span(forces, epoch, min(0.0, low), max(0.0, high), margin_s)
-    window = forces.window(epoch, low, high)
-    barycentric = start[None] + forces.ephemeris.sun_at(epoch)
+    low, high, window, sun, physics = arc_of(forces, epoch, min(0.0, low), max(0.0, high), margin_s)
+    barycentric = start[None] + sun
     if solid:
         require_start_above(start, epoch, forces)
     columns, chain = forces.columns()
     if not sensitivities:
         columns = columns[:0]
-    physics = forces.physics(epoch)
     guides = _guides(grid, epoch, (low, high), forces, physics)
     legs: list[Steps | None] = [None, None]
     left = most_steps
@@ -147,15 +145,6 @@ def _checked(state_km_km_s: npt.ArrayLike, t_s: npt.ArrayLike) -> tuple[Array, A
         if math.isfinite(low) and math.isfinite(high):
             return start, times, low, high
     raise InputError(f"times: need shape (n,) with n > 0 and finite seconds, got shape {times.shape}")
-
-
-def _span(forces: ForceModel, epoch: Epoch, low: float, high: float, margin_s: float) -> tuple[float, float]:
-    """The span to integrate: with the margin, but inside the ephemeris; never empty."""
-    for end_s in (low, high):
-        forces.ephemeris.require(epoch, end_s, asteroids=forces.asteroids)
-    first, _ = forces.ephemeris.coverage(asteroids=forces.asteroids)
-    low = max(low - margin_s, first - epoch - BEYOND_S)
-    return low, high if low < high else low + 1.0
 
 
 def _unfinished(

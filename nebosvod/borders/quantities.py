@@ -52,17 +52,22 @@ def bordered(**units: str) -> Callable[[F], F]:
         label = function.__qualname__.removesuffix(".__init__")
         epochs_named = frozenset(name for name, unit in wanted.items() if unit == "epoch")
         epochs = tuple(k for k, name in enumerate(names) if name in epochs_named)
+        plain = _plain if "spans" not in wanted.values() else _never
 
         @wraps(function)
         def entered(*args: Any, **kwargs: Any) -> Any:
             for value in args:
-                if type(value) not in HARMLESS and not _harmless(type(value)):
+                if type(value) not in HARMLESS and not _harmless(type(value)) and not plain(value):
                     break
             else:
                 # an epoch is not a plain number
-                if all(k >= len(args) or type(args[k]) is Epoch or args[k] is None for k in epochs) and all(
-                    _harmless(type(value)) and (type(value) is Epoch or value is None or name not in epochs_named)
-                    for name, value in kwargs.items()
+                if all(k >= len(args) or type(args[k]) is Epoch or args[k] is None for k in epochs) and (
+                    not kwargs
+                    or all(
+                        (_harmless(type(value)) or plain(value))
+                        and (type(value) is Epoch or value is None or name not in epochs_named)
+                        for name, value in kwargs.items()
+                    )
                 ):
                     return function(*args, **kwargs)
             border = Border(label, wanted, dict(zip(names, args)) | kwargs)
@@ -168,6 +173,15 @@ def _harmless(kind: type) -> bool:
         return False
     HARMLESS.add(kind)
     return True
+
+
+def _plain(value: Any) -> bool:
+    """Whether it is a list or tuple of values that need no look, as times of a span are."""
+    return type(value) in (list, tuple) and all(type(one) in HARMLESS for one in value)
+
+
+def _never(value: Any) -> bool:
+    return False
 
 
 def _foreign(value: Any) -> bool:

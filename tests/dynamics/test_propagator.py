@@ -14,6 +14,7 @@ from nebosvod.dynamics import Ephemeris, ForceModel, integrator, propagate
 from nebosvod.dynamics.constants import ASTEROID_RADIUS_KM, DAY_S
 from nebosvod.dynamics.ephemeris import ASTEROIDS
 from nebosvod.dynamics.frames import R_icrf_from_ecliptic
+from nebosvod.dynamics.model import arc_of
 from nebosvod.dynamics.twobody import kepler
 from nebosvod.errors import CoverageError, EventError, InputError
 from nebosvod.timescale import Epoch
@@ -451,3 +452,21 @@ def test_no_tolerance_chases_the_rounding_of_a_near_body(ephemeris: Ephemeris) -
 def test_a_tolerance_that_is_none_is_refused(full_forces: ForceModel, neo: Neo, tolerance: float) -> None:
     with pytest.raises(InputError, match=r"tolerance: needs a number from 1e-16 to 0.001 \(got"):
         propagate(neo[1], neo[0], [DAY_S], full_forces, tolerance=tolerance)
+
+
+def test_an_arc_is_kept_for_the_next_call_and_never_taken_for_another(ephemeris: Ephemeris) -> None:
+    """Epoch, either end and margin each make an arc of their own; more than a few are not kept."""
+    epoch = Epoch.parse("2020-01-01T00:00:00 TDB")
+    forces = ForceModel(ephemeris=ephemeris)
+    first = arc_of(forces, epoch, -10.0, 10.0, 5.0)
+    assert arc_of(forces, epoch, -10.0, 10.0, 5.0) is first
+    assert (first.low_s, first.high_s) == (-15.0, 10.0)
+    others = [
+        arc_of(forces, epoch + 1.0, -10.0, 10.0, 5.0),
+        arc_of(forces, epoch, -11.0, 10.0, 5.0),
+        arc_of(forces, epoch, -10.0, 11.0, 5.0),
+        arc_of(forces, epoch, -10.0, 10.0, 6.0),
+    ]
+    assert [(arc.low_s, arc.high_s) for arc in others] == [(-15.0, 10.0), (-16.0, 10.0), (-15.0, 11.0), (-16.0, 10.0)]
+    assert not np.array_equal(others[0].sun, first.sun)
+    assert len(forces._arcs) <= 4
