@@ -4,9 +4,8 @@ A message says where, what was found, what is allowed and what to do next. Wrong
 numerical failure inside a run is a status of the result, not an exception.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
 
 # what a program ends with: finished, but not to be relied on; wrong input; the machine; a fault of the program
 EXIT_QUALITY, EXIT_INPUT, EXIT_ENVIRONMENT, EXIT_INTERNAL = 1, 2, 3, 4
@@ -140,15 +139,13 @@ class NoAnswerError(NebosvodError):
     ----------
     reason : the sentence for the user.
     status : one word for the summary.
-    facts : what is known all the same, units in the key names.
     """
 
     exit_code = 1
 
-    def __init__(self, reason: str, *, status: str = "no_answer", facts: Mapping[str, Any] | None = None) -> None:
+    def __init__(self, reason: str, *, status: str = "no_answer") -> None:
         super().__init__(reason)
         self.status = status
-        self.facts = dict(facts or {})
 
 
 class DataError(NebosvodError):

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from nebosvod.dynamics import Ephemeris
 from nebosvod.engine.assembly import computed_psi, linear_problem, nominal_point, view
 from nebosvod.engine.fitting import Fit, fit
-from nebosvod.engine.montecarlo import Sample, consistency, consistency_block, repeat_all
+from nebosvod.engine.montecarlo import Sample, consistency, repeat_all
 from nebosvod.engine.truth import draw
 from nebosvod.errors import InputError, NebosvodError, noting
 from nebosvod.estimation import Status
@@ -77,11 +77,11 @@ def run(mission: Mission, seed: int = 0, progress: Callable[[str], None] | None 
     say("taking the accuracy apart")
     base = linear_problem(scene, mission.estimators[0], nominal, computed_psi(nominal), priors, about=nominal.point)
     findings = assess(scene, fits, foretold, samples, seed, (base, nominal))
-    trials = [{"estimator": name, **consistency(sample)} for name, sample in samples.items()]
+    trials = {name: consistency(sample) for name, sample in samples.items()}
     return Result(
-        summary=run_summary.summarise(scene, priors, fits, findings) | consistency_block(trials),
+        summary=run_summary.summarise(scene, priors, fits, findings, trials),
         manifest=manifest(scene, seed, started, fits),
-        arrays=run_tables.all_arrays(scene, nominal, fits, truth.psi) | findings.arrays,
+        arrays=run_tables.all_arrays(scene, nominal, fits, truth.psi) | dict(findings.arrays),
         tables=run_tables.all_tables(scene, nominal, fits, truth.psi, findings),
     )
 

@@ -10,8 +10,8 @@ from rich.console import Console
 from rich.table import Table
 
 from nebosvod.errors import counted
-from nebosvod.findings.outlook import answered, chance_words, event_words, impact_sentences, unanswered_sentences
 from nebosvod.results.condensed import condensed, foremost, without
+from nebosvod.results.outlook import answered, chance_words, event_words, impact_sentences, unanswered_sentences
 
 STATIONS_SHOWN = 8
 REJECTED_SHOWN = 8

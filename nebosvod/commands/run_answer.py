@@ -10,8 +10,8 @@ from rich.console import Console
 from rich.table import Table
 
 from nebosvod.errors import counted
-from nebosvod.findings.outlook import answered, event_words, impact_sentences, unanswered_sentences
 from nebosvod.report.kit.facts import earlier_orbit, grouped
+from nebosvod.results.outlook import answered, event_words, impact_sentences, unanswered_sentences
 from nebosvod.timescale import Epoch
 
 BUDGET_ROWS = 6

@@ -1,6 +1,6 @@
 """Predictions of an encounter: which one is meant, its target plane, smallest distance, and place of entry."""
 
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -8,9 +8,19 @@ import numpy.typing as npt
 from nebosvod.dynamics import Encounter, TargetPlane, Trajectory, perigee_distance, target_plane
 from nebosvod.dynamics.impact import b_plane, events, follow, osculating_perigee, time_partials, what_it_hits
 from nebosvod.dynamics.surface import height_km
-from nebosvod.engine.entry import Entry, entry_point
-from nebosvod.engine.quantity import Disc, Quantity, make_quantity, time_scale
-from nebosvod.errors import CoverageError, EventError, NoAnswerError
+from nebosvod.engine.entry import Entry, Place, entry_point
+from nebosvod.engine.facts import (
+    ESTIMATED,
+    REFERENCE,
+    BodyFacts,
+    Disc,
+    EncounterFacts,
+    EntryFacts,
+    Ground,
+    NoEventError,
+)
+from nebosvod.engine.quantity import Quantity, make_quantity, time_scale
+from nebosvod.errors import CoverageError, EventError
 from nebosvod.mission.request import EncounterPrediction
 from nebosvod.scene.scene import Scene
 from nebosvod.timescale import SECONDS_PER_DAY, Epoch
@@ -37,61 +47,60 @@ def encounter_quantity(
     event, hits = _chosen(scene, trajectory, request, about)
     plane, reason = b_plane(trajectory, event, hits)
     ground = entry_point(trajectory, event, 0.0) if hits else None
-    facts = _facts(event, hits, request) | _place(ground)
-    by_time = time_partials(trajectory, event) if ground is None else ground.time_partials
-    common: dict[str, Any] = {"disc": None if plane is None else _disc(plane), "further": {"time_s": by_time}}
+    facts = _facts(event, hits, request, ground)
+    disc = None if plane is None else _disc(plane)
     if request.plane == "entry":
-        return _entry(scene, trajectory, event, request, facts, common, about)
+        return replace(_entry(scene, trajectory, event, request, facts, disc, about), disc=disc)
     if request.plane == "perigee_distance":
         distance, by_state, by_parameters = (osculating_perigee if hits else perigee_distance)(trajectory, event)
-        return make_quantity(
-            request, event.epoch, "km", np.array([distance]), by_state, by_parameters, trajectory, facts, **common
-        )
-    if request.plane == "mtp":
-        if hits:
-            when = event.epoch.iso(time_scale(request), 0)
-            raise NoAnswerError(
-                f"the orbit hits {request.body} on {when} and has no closest approach for mtp; use b_plane or entry",
-                status="no_closest_approach",
-                facts=facts,
-            )
-        plane = target_plane(trajectory, event, kind="mtp")
-    if plane is None:
-        raise NoAnswerError(reason, status="captured", facts=facts)
-    return make_quantity(
-        request,
-        event.epoch,
-        "km",
-        plane.coordinates_km,
-        plane.partials_state,
-        plane.partials_parameters,
-        trajectory,
-        facts | {"capture_radius_km": plane.capture_radius_km},
-        plane.axes,
-        **common,
+        value, axes = np.array([distance]), None
+    else:
+        if request.plane == "mtp":
+            plane, reason = _mtp(trajectory, event, hits, request, facts)
+        if plane is None:
+            raise NoEventError(reason, status="captured", facts=facts)
+        facts = replace(facts, capture_radius_km=plane.capture_radius_km)
+        value, axes = plane.coordinates_km, plane.axes
+        by_state, by_parameters = plane.partials_state, plane.partials_parameters
+    made = make_quantity(request, event.epoch, "km", value, by_state, by_parameters, trajectory, facts, axes)
+    by_time = time_partials(trajectory, event) if ground is None else ground.time_partials
+    return replace(made, time_partials=by_time, disc=disc)
+
+
+def _facts(event: Encounter, hits: bool, request: EncounterPrediction, ground: Entry | None) -> EncounterFacts:
+    """What is known of the encounter itself, and where on the ground an orbit comes down."""
+    return EncounterFacts(
+        body=request.body,
+        impact=hits,
+        closest_approach=event.epoch,
+        distance_km=event.distance_km,
+        speed_km_s=event.speed_km_s,
+        ground=None if ground is None else _ground(ground.place),
     )
 
 
-def _facts(event: Encounter, hits: bool, request: EncounterPrediction) -> dict[str, Any]:
-    """What is known of the encounter itself."""
-    return {
-        "body": request.body,
-        "impact": hits,
-        "closest_approach_tdb": event.epoch.iso(),
-        "closest_approach_utc": event.epoch.iso("utc"),
-        "closest_distance_km": event.distance_km,
-        "speed_km_s": event.speed_km_s,
-    }
+def _ground(place: Place | None) -> Ground | None:
+    if place is None:
+        return None
+    return Ground(
+        longitude_deg=float(np.degrees(place.longitude_rad)),
+        latitude_deg=float(np.degrees(place.latitude_rad)),
+        latitude_geocentric_deg=float(np.degrees(place.geocentric_latitude_rad)),
+    )
 
 
-def _place(ground: Entry | None) -> dict[str, Any]:
-    """Where on the ground an orbit comes down."""
-    if ground is None or ground.place is None:
-        return {}
-    return {
-        "impact_longitude_deg": float(np.degrees(ground.place.longitude_rad)),
-        "impact_latitude_deg": float(np.degrees(ground.place.latitude_rad)),
-    }
+def _mtp(
+    trajectory: Trajectory, event: Encounter, hits: bool, request: EncounterPrediction, facts: EncounterFacts
+) -> tuple[TargetPlane, str]:
+    """The modified target plane of an encounter, which an orbit that hits the body before does not have."""
+    if hits:
+        when = event.epoch.iso(time_scale(request), 0)
+        raise NoEventError(
+            f"the orbit hits {request.body} on {when} and has no closest approach for mtp; use b_plane or entry",
+            status="no_closest_approach",
+            facts=facts,
+        )
+    return target_plane(trajectory, event, kind="mtp"), ""
 
 
 def _disc(plane: TargetPlane) -> Disc:
@@ -107,8 +116,8 @@ def _entry(
     trajectory: Trajectory,
     event: Encounter,
     request: EncounterPrediction,
-    facts: dict[str, Any],
-    common: dict[str, Any],
+    facts: EncounterFacts,
+    disc: Disc | None,
     about: Epoch | None,
 ) -> Quantity:
     """Point of entry at an altitude: downrange and crossrange over the ground, km.
@@ -117,45 +126,37 @@ def _entry(
     of the reference orbit; what is said of the encounter, and its probability, stay those of the estimated orbit.
     """
     altitude = request.altitude or 0.0
-    evaluated_on, entry = "estimated orbit", entry_point(trajectory, event, altitude)
+    evaluated_on, entry = ESTIMATED, entry_point(trajectory, event, altitude)
     if entry is None and about is None and scene.trajectory is not trajectory:
         other, _ = _chosen(scene, scene.trajectory, request, None)
         entry = entry_point(scene.trajectory, other, altitude)
-        evaluated_on, trajectory = "reference orbit", scene.trajectory
+        evaluated_on, trajectory = REFERENCE, scene.trajectory
     if entry is None:
         above = float(height_km(request.body, event.state[None, :3], event.epoch, np.zeros(1))[0])
-        raise NoAnswerError(
+        raise NoEventError(
             f"the orbit passes {above:.0f} km above the surface of {request.body} and does not come down to "
             f"{altitude:g} km; use b_plane or perigee_distance",
             status="no_entry",
-            facts=facts | {"disc": common["disc"]},
+            facts=facts,
+            disc=disc,
         )
-    made, further = _entry_facts(entry, request)
-    return make_quantity(
-        request, entry.epoch, "km", None, entry.partials_state, entry.partials_parameters, trajectory,
-        facts | {"evaluated_on": evaluated_on} | made, entry.axes, anchor=entry.position_km, further=further,
-        disc=common["disc"],
-    )  # fmt: skip
-
-
-def _entry_facts(entry: Entry, request: EncounterPrediction) -> tuple[dict[str, Any], dict[str, Array]]:
-    """When, where and how an orbit enters, and the partials of what has a sigma."""
-    facts: dict[str, Any] = {
-        "epoch_utc": entry.epoch.iso("utc"),
-        "altitude_km": request.altitude or 0.0,
-        "speed_km_s": entry.speed_km_s,
-        "path_below_horizon_deg": float(np.degrees(entry.elevation_rad)),
-    }
-    further: dict[str, Array] = {"time_s": entry.time_partials}
-    place, by_place = entry.place, entry.place_partials
-    if place is not None and by_place is not None:
-        facts |= {
-            "longitude_deg": float(np.degrees(place.longitude_rad)),
-            "latitude_deg": float(np.degrees(place.latitude_rad)),
-            "latitude_geocentric_deg": float(np.degrees(place.geocentric_latitude_rad)),
-        }
-        further |= {"longitude_deg": np.degrees(by_place[0]), "latitude_deg": np.degrees(by_place[1])}
-    return facts, further
+    how = EntryFacts(
+        encounter=facts,
+        evaluated_on=evaluated_on,
+        epoch=entry.epoch,
+        altitude_km=altitude,
+        speed_km_s=entry.speed_km_s,
+        path_below_horizon_deg=float(np.degrees(entry.elevation_rad)),
+        ground=_ground(entry.place),
+    )
+    by_state, by_parameters, by_place = entry.partials_state, entry.partials_parameters, entry.place_partials
+    made = make_quantity(request, entry.epoch, "km", None, by_state, by_parameters, trajectory, how, entry.axes)
+    return replace(
+        made,
+        anchor=entry.position_km,
+        time_partials=entry.time_partials,
+        ground_partials=None if by_place is None else np.degrees(by_place),
+    )
 
 
 def _chosen(
@@ -167,11 +168,11 @@ def _chosen(
     if nearest is not None and (about is not None or abs(nearest[0].t_s - when) <= NEAR_S):
         return nearest
     asked = request.near.iso(request.near.scale, 0)
-    raise NoAnswerError(
+    raise NoEventError(
         f"the orbit has no closest approach to {request.body} within {NEAR_S / SECONDS_PER_DAY:.0f} d of {asked}; "
         f"{_others(scene, trajectory, request)}",
         status="no_encounter",
-        facts={"body": request.body},
+        facts=BodyFacts(body=request.body),
     )
 
 

@@ -6,9 +6,8 @@ prior to convergence on a propagated truth and judged by the covariance of its o
 """
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -183,26 +182,47 @@ def _iterated(setting: Setting, runs: int, seed: int, tell: Callable[[int], None
     ]
 
 
-def consistency(sample: Sample) -> dict[str, Any]:
-    """The `consistency` block of summary.json: mean NEES with its 99 % interval, and coverage of the state."""
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Consistency:
+    """How the errors of repeated estimation agree with K_true.
+
+    Attributes
+    ----------
+    runs, lost : estimates, and runs that gave none.
+    iterated : whether each was iterated to convergence.
+    second_order_sigma : what the linear step would leave out; infinite where that is not an orbit.
+    nees_mean, nees_interval_99 : mean NEES over its components, and where it lies with 99 % if K_true is right.
+    coverage : by share expected inside, the share of the errors inside.
+    """
+
+    runs: int
+    lost: int
+    iterated: bool
+    second_order_sigma: float
+    nees_mean: float
+    nees_interval_99: tuple[float, float]
+    coverage: Mapping[float, float]
+
+
+def consistency(sample: Sample) -> Consistency:
+    """Mean NEES with its 99 % interval, and coverage of the state.
+
+    Notes
+    -----
+    The sum of the NEES over the runs is chi-square with 6 N degrees of freedom when K_true is right.
+    """
     from scipy.special import chdtri, gammainc
 
     nees, size = sample.nees, len(STATE_NAMES)
     runs = len(nees)
-    # the sum of the NEES over the runs is chi-square with 6 N degrees of freedom when K_true is right
-    interval = [float(chdtri(size * runs, tail)) / (size * runs) for tail in (0.995, 0.005)]
+    low, high = (float(chdtri(size * runs, tail)) / (size * runs) for tail in (0.995, 0.005))
     inside = gammainc(size / 2.0, nees / 2.0)
-    return {
-        "n_runs": runs,
-        "n_failed": sample.lost,
-        "iterated": sample.factors is not None,
-        "second_order_sigma": sample.second_order if np.isfinite(sample.second_order) else None,
-        "nees_mean": float(nees.mean() / size),
-        "nees_interval_99": interval,
-        "coverage": {f"{100 * level:g}_percent": float(np.mean(inside <= level)) for level in LEVELS},
-    }
-
-
-def consistency_block(rows: list[dict[str, Any]]) -> dict[str, Any]:
-    """The `consistency` entry of summary.json: the first estimator's numbers, and all of them; empty without runs."""
-    return {"consistency": {**rows[0], "by_estimator": rows}} if rows else {}
+    return Consistency(
+        runs=runs,
+        lost=sample.lost,
+        iterated=sample.factors is not None,
+        second_order_sigma=sample.second_order,
+        nees_mean=float(nees.mean() / size),
+        nees_interval_99=(low, high),
+        coverage={level: float(np.mean(inside <= level)) for level in LEVELS},
+    )

@@ -4,20 +4,26 @@ A quantity is evaluated on one trajectory; its error is the estimator's business
 source of the budget reaches it through the same factors.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from nebosvod.dynamics import Trajectory
 from nebosvod.dynamics.impact import BELOW_S, MOST_STEPS, what_it_hits
+from nebosvod.engine.facts import (
+    Disc,
+    EncounterFacts,
+    Facts,
+    ImpactFacts,
+    NoEventError,
+    SkyFacts,
+    StateFacts,
+    encounter_of,
+)
 from nebosvod.errors import CoverageError, NoAnswerError
 from nebosvod.estimation import Estimate
-from nebosvod.estimation.accuracy import ellipse
-from nebosvod.estimation.accuracy.formed import matrices
-from nebosvod.estimation.accuracy.inside import inside_disc
 from nebosvod.mission.request import EncounterPrediction, Prediction, SkyPrediction, StatePrediction
 from nebosvod.observation import observe
 from nebosvod.scene.prior import STATE_NAMES
@@ -27,9 +33,7 @@ from nebosvod.units import ARCSEC
 
 Array = npt.NDArray[np.float64]
 M_PER_KM = 1000.0
-ANSWERED = "answered"  # status of a prediction that exists
-SIGMAS = 3.0
-INSIDE = (0.5, 0.9, 0.99)
+SIGMAS = 3.0  # in a largest deviation
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -43,11 +47,12 @@ class Quantity:
     unit : of value and partials: "km", "arcsec" or "m_s".
     value : (d,), or None where only the error means anything (sky offsets, RTN axes).
     partials : (d, k) by `names`.
-    facts : further numbers for the summary, units in the key names.
+    facts : what is known of it beside its value.
     axes : (3, 3) ICRF, rows the axes of a target plane (xi, normal, zeta) or of position and velocity; of an entry
         (2, 3), fixed to the ground; None otherwise.
     anchor : (3,) the point of entry, km, on the axes fixed to the ground; None otherwise.
-    further : partials (k,) of further numbers by `names`, under the name of their sigma, unit included.
+    time_partials : (k,) of the time of an encounter, s, by `names`; None where the time is given.
+    ground_partials : (2, k) of geodetic longitude and latitude of an entry, deg; None otherwise.
     disc : where the orbit crosses the b-plane of its encounter, and the disc whose orbits hit the body; None if there
         is no encounter, or no such plane.
     """
@@ -58,20 +63,17 @@ class Quantity:
     value: Array | None
     partials: Array
     names: tuple[str, ...]
-    facts: Mapping[str, Any]
+    facts: Facts
     axes: Array | None = None
     anchor: Array | None = None
-    further: Mapping[str, Array] = field(default_factory=dict)
-    disc: "Disc | None" = None
+    time_partials: Array | None = None
+    ground_partials: Array | None = None
+    disc: Disc | None = None
 
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Disc:
-    """The disc of a b-plane whose orbits hit: value (2,) and radius, km; partials (2, k) by the quantity's names."""
-
-    value: Array
-    partials: Array
-    radius_km: float
+    @property
+    def encounter(self) -> EncounterFacts | None:
+        """The encounter it is about; None where it is about a given time."""
+        return encounter_of(self.facts)
 
 
 def time_scale(request: Prediction) -> Scale:
@@ -138,11 +140,11 @@ def _require_alive(scene: Scene, trajectory: Trajectory, request: SkyPrediction 
     else:
         hit = what_it_hits(trajectory)
     if hit is not None and request.at - hit.epoch >= 0.0:
-        raise NoAnswerError(
+        raise NoEventError(
             f"the orbit hits {hit.body} on {hit.epoch.iso(request.at.scale, 0)} and ends there, before "
             f"{request.at.iso(request.at.scale, 0)}",
             status="after_impact",
-            facts={"body": hit.body, "impact": True, "closest_approach_tdb": hit.epoch.iso()},
+            facts=ImpactFacts(body=hit.body, epoch=hit.epoch),
         )
 
 
@@ -154,9 +156,8 @@ def make_quantity(
     by_state: Array,
     by_parameters: Array,
     trajectory: Trajectory,
-    facts: Mapping[str, Any],
+    facts: Facts,
     axes: Array | None = None,
-    **more: Any,
 ) -> Quantity:
     """A quantity whose partials are those by the state and by the parameters."""
     return Quantity(
@@ -168,7 +169,6 @@ def make_quantity(
         names=(*STATE_NAMES, *trajectory.parameter_names),
         facts=facts,
         axes=axes,
-        **more,
     )
 
 
@@ -176,12 +176,12 @@ def _sky(scene: Scene, trajectory: Trajectory, request: SkyPrediction) -> Quanti
     """Offsets in RA* and Dec, arcsec, as a telescope sees them (astrometric)."""
     telescope = next(t for t in scene.telescopes if t.name == request.telescope)
     seen = observe(trajectory, telescope, np.array([request.at - scene.epoch]), scene.ephemeris)
-    facts = {
-        "telescope": telescope.name,
-        "ra_deg": float(np.degrees(seen.psi[0, 0])),
-        "dec_deg": float(np.degrees(seen.psi[0, 1])),
-        "distance_km": float(seen.distance_km[0]),
-    }
+    facts = SkyFacts(
+        telescope=telescope.name,
+        ra_deg=float(np.degrees(seen.psi[0, 0])),
+        dec_deg=float(np.degrees(seen.psi[0, 1])),
+        distance_km=float(seen.distance_km[0]),
+    )
     return make_quantity(
         request, request.at, "arcsec", None, seen.H_x0[0] / ARCSEC, seen.H_c[0] / ARCSEC, trajectory, facts
     )
@@ -199,7 +199,7 @@ def _state(scene: Scene, trajectory: Trajectory, request: StatePrediction) -> Qu
         normal /= np.linalg.norm(normal)
         axes = np.stack([radial, np.cross(normal, radial), normal])
     scale, unit = (M_PER_KM, "m_s") if request.plane == "rtn_velocity" else (1.0, "km")
-    facts = {"position_km": x[:3].tolist(), "velocity_km_s": x[3:].tolist()}
+    facts = StateFacts(position_km=x[:3], velocity_km_s=x[3:])
     return make_quantity(
         request, request.at, unit, None, scale * axes @ Phi[rows], scale * axes @ zeta[rows], trajectory, facts, axes
     )
@@ -207,101 +207,11 @@ def _state(scene: Scene, trajectory: Trajectory, request: StatePrediction) -> Qu
 
 def known_partials(asked: Quantity, estimate: Estimate) -> tuple[Array, tuple[str, ...]]:
     """Partials (d, k) of a quantity by the k of its parameters that have an error in this estimate."""
-    return _known(asked.partials, asked.names, estimate)
+    return known_columns(asked.partials, asked.names, estimate)
 
 
-def prediction_row(
-    asked: Quantity,
-    estimate: Estimate,
-    estimator: str,
-    budget: Sequence[Mapping[str, Any]],
-    curved: Mapping[str, Any],
-    mean_errors: Mapping[str, float] | None = None,
-) -> dict[str, Any]:
-    """One entry of `predictions` in summary.json: true and formal covariance, ellipse, chance of impact.
-
-    Parameters
-    ----------
-    budget, curved : its budget, and its nonlinearity with the mean shift, which adds to the largest deviation.
-    mean_errors : mean of truth minus assumed value of parameters left out, by name.
-
-    Notes
-    -----
-    Guo, Ivashkin 2018, (3.5): |M(w)| + 3 sigma. With the error e of the estimate, w(x) = w(x + e) - W e + 1/2 e^T C e:
-    predicted minus true is on average W M(e) less the shift of the second order.
-    """
-    W, names = known_partials(asked, estimate)
-    off = W @ estimate.mean_shift(mean_errors or {}, names)
-    shift = off - np.array(curved[f"mean_shift_{asked.unit}"] or np.zeros(len(asked.partials)))
-    found = estimate.predict(W, names)
-    unit, size = asked.unit, asked.partials.shape[0]
-    row: dict[str, Any] = {
-        "name": asked.request.name,
-        "estimator": estimator,
-        "status": ANSWERED,
-        "reason": None,
-        "epoch_tdb": asked.epoch.iso(),
-        "epoch_utc": asked.epoch.iso("utc"),
-        "time_scale": time_scale(asked.request),
-        "plane": asked.request.plane,
-        **asked.facts,
-        **_shape(found.factor, unit),
-        f"sigma_{unit}": found.sigma.tolist(),
-        f"sigma_formal_{unit}": found.sigma_formal.tolist(),
-        f"mean_error_{unit}": off.tolist(),
-        f"max_deviation_{unit}": ellipse.maximum_deviation(shift, found.sigma, SIGMAS).tolist(),
-        **matrices(**{f"covariance_{unit}2": found.factor, f"covariance_formal_{unit}2": found.factor_formal}),
-        f"factor_{unit}": found.factor.tolist(),
-        f"factor_formal_{unit}": found.factor_formal.tolist(),
-        "probability": ellipse.probability(1.0, size),
-        "ellipse_levels": [_level(sigma, size) for sigma in (1.0, 2.0, 3.0)]
-        + [_level(ellipse.level_of(inside, size), size) for inside in INSIDE],
-        "nonlinearity": dict(curved),
-        "budget": budget,
-    }
-    for name, partials in asked.further.items():
-        row[f"sigma_{name}"] = float(estimate.predict(*_known(partials[None], asked.names, estimate)).sigma[0])
-    if asked.value is not None:
-        row[f"mean_{unit}"] = asked.value.tolist()
-        if "capture_radius_km" in asked.facts and (asked.request.plane == "b_plane" or asked.disc is None):
-            # linear: a normal distribution on the plane, over the disc whose orbits hit; of another plane only where
-            # there is no b-plane, since near a body the crossing of it is not normal
-            centre = asked.value - off
-            row["impact_probability_linear"] = inside_disc(centre, found.factor, asked.facts["capture_radius_km"])
-            return row
-    return row | chance(asked.disc, asked.names, estimate, mean_errors)
-
-
-def chance(
-    disc: Disc | None, names: Sequence[str], estimate: Estimate, mean_errors: Mapping[str, float] | None
-) -> dict[str, float]:
-    """Chance of impact: a normal distribution on the b-plane, over the disc whose orbits hit the body."""
-    if disc is None:
-        return {}
-    W, known = _known(disc.partials, names, estimate)
-    centre = disc.value - W @ estimate.mean_shift(mean_errors or {}, known)
-    return {"impact_probability_linear": inside_disc(centre, estimate.predict(W, known).factor, disc.radius_km)}
-
-
-def _known(partials: Array, names: Sequence[str], estimate: Estimate) -> tuple[Array, tuple[str, ...]]:
+def known_columns(partials: Array, names: Sequence[str], estimate: Estimate) -> tuple[Array, tuple[str, ...]]:
     """Partials (d, k) by the k of some parameters that have an error in this estimate."""
     known = set(estimate.names) | set(estimate.left_out)
     keep = [index for index, name in enumerate(names) if name in known]
     return partials[:, keep], tuple(names[index] for index in keep)
-
-
-def _level(sigma: float, size: int) -> dict[str, float]:
-    """An ellipsoid by its size in sigmas, and the probability inside."""
-    return {"sigma_level": sigma, "probability": ellipse.probability(sigma, size)}
-
-
-def _shape(factor: Array, unit: str) -> dict[str, Any]:
-    """Semi-axes, largest first, and in a plane the angle of the long one from the first axis to the second."""
-    if factor.shape[0] == 2:
-        plane = ellipse.Ellipse.of_factor(factor)
-        return {
-            f"semi_axes_{unit}": [float(a) for a in plane.semi_axes],
-            "angle_deg": float(np.degrees(plane.angle_rad)),
-        }
-    axes = np.linalg.svd(factor, compute_uv=False)
-    return {f"semi_axes_{unit}": [float(a) for a in axes], "angle_deg": None}

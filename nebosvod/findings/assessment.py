@@ -1,27 +1,28 @@
 """Everything a run says about accuracy beyond the estimate: who is to blame, what is required, curves, five accuracies.
 
-fits + predicted quantities (+ Monte Carlo samples) -> findings, rows ready for summary.json.
+fits + predicted quantities (+ Monte Carlo samples) -> findings; `results/rows` makes rows of summary.json of them.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from nebosvod.engine.fitting import Fit
 from nebosvod.engine.montecarlo import Sample
-from nebosvod.engine.quantity import Quantity, known_partials, prediction_row
+from nebosvod.engine.quantity import Quantity
 from nebosvod.estimation import LinearProblem
 from nebosvod.findings import blame
-from nebosvod.findings.blame import Worlds, kind_of_problem, prediction_rows, state_rows
-from nebosvod.findings.comparison import comparison
-from nebosvod.findings.curves import curves
-from nebosvod.findings.foretold import Foretold, in_order, unanswered_row
-from nebosvod.findings.nonlinearity import clones, impact_share, nonlinearity, spread_of
-from nebosvod.findings.ratio import ratio
-from nebosvod.findings.required import required
+from nebosvod.findings.blame import Kind, StateShare, Worlds, kind_of_problem, state_shares
+from nebosvod.findings.comparison import Accuracies, comparison
+from nebosvod.findings.curves import Curve, curves
+from nebosvod.findings.drawn import clones, impact_share, spread_of
+from nebosvod.findings.foretold import Foretold
+from nebosvod.findings.nonlinearity import Nonlinearity, nonlinearity
+from nebosvod.findings.prediction import Answered, Prediction, of_fit
+from nebosvod.findings.ratio import NoiseRatio, ratio
+from nebosvod.findings.required import RequiredPosition, required
 from nebosvod.mission.reading.cost import CLONES_MOST
 from nebosvod.mission.slugs import array_name
 from nebosvod.scene.point import View
@@ -32,14 +33,23 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Findings:
-    """Blocks of summary.json, and the arrays behind them."""
+    """What the estimates of a run are worth, and the arrays behind it.
 
-    budget: list[dict[str, Any]]
-    predictions: list[dict[str, Any]]
-    noise_to_nuisance: dict[str, Any]
-    curves: list[dict[str, Any]]
-    accuracy_comparison: dict[str, Any]
-    arrays: dict[str, Array]
+    Attributes
+    ----------
+    budget : of the state, estimator by estimator.
+    predictions : of every estimator, those that do not exist among them.
+    required : how well positions of telescopes must be known; curves : of the leading estimator.
+    accuracies : five of each component of each prediction.
+    """
+
+    budget: tuple[StateShare, ...]
+    predictions: tuple[Prediction, ...]
+    noise_to_nuisance: NoiseRatio
+    required: tuple[RequiredPosition, ...]
+    curves: tuple[Curve, ...]
+    accuracies: tuple[Accuracies, ...]
+    arrays: Mapping[str, Array]
 
 
 def assess(
@@ -67,7 +77,7 @@ def assess(
     """
     found = [fit for fit in fits if fit.estimate.solution is not None]
     predicted = {fit.estimator.name: foretold[fit.estimator.name].found for fit in found}
-    worlds: dict[Any, Worlds] = {}
+    worlds: dict[Kind, Worlds] = {}
     for fit in found:
         if kind_of_problem(fit) not in worlds:
             worlds[kind_of_problem(fit)] = Worlds.of(fit)
@@ -75,57 +85,50 @@ def assess(
     different = [next(fit for fit in found if kind_of_problem(fit) == kind) for kind in worlds]
     against, ratio_arrays = ratio(scene, *(nominal or (fits[0].problem, fits[0].seen)))
     leading = next((fit for fit in found if fit.problem.n <= blame.LARGE and not fit.own_gain), None)
-    against["required_position"] = []
     told = predicted[leading.estimator.name] if leading is not None else []
-    if leading is not None and told:
-        against["required_position"] = required(scene, leading, told)
-    rows = _prediction_rows(scene, fits, foretold, own)
-    drawn = _drawn(scene, found[0], predicted[found[0].estimator.name], rows, seed) if found and samples else {}
+    rows, points = _predictions(scene, fits, foretold, own), dict[str, Array]()
+    if found and samples:
+        rows, points = _with_drawn(scene, found[0], predicted[found[0].estimator.name], rows, seed)
     return Findings(
-        budget=[row for fit in found for row in state_rows(scene, fit, own[fit.estimator.name])],
-        predictions=rows,
+        budget=tuple(row for fit in found for row in state_shares(scene, fit, own[fit.estimator.name])),
+        predictions=tuple(rows),
         noise_to_nuisance=against,
-        curves=curves(leading, told) if leading is not None and told else [],
-        accuracy_comparison=comparison(scene, different, predicted, samples),
-        arrays=ratio_arrays | drawn,
+        required=tuple(required(scene, leading, told)) if leading is not None and told else (),
+        curves=tuple(curves(leading, told)) if leading is not None and told else (),
+        accuracies=tuple(comparison(scene, different, predicted, samples)),
+        arrays=ratio_arrays | points,
     )
 
 
-def _drawn(
-    scene: Scene, fit: Fit, asked: Sequence[Quantity], rows: list[dict[str, Any]], seed: int
-) -> dict[str, Array]:
-    """Orbits drawn from the error of one estimate, propagated in full: points as arrays, facts into the rows."""
+def _with_drawn(
+    scene: Scene, fit: Fit, asked: Sequence[Quantity], rows: Sequence[Prediction], seed: int
+) -> tuple[list[Prediction], dict[str, Array]]:
+    """The predictions with what orbits drawn from the error of one estimate do, propagated in full; and the points."""
     plan = scene.mission.monte_carlo
     points, fates = clones(scene, fit, asked, min(plan.runs if plan else 0, CLONES_MOST), seed)
-    mine = {row["name"]: row for row in rows if row["estimator"] == fit.estimator.name}
-    for one, found, fate in zip(asked, points, fates):
-        row, (W, names) = mine[one.request.name], known_partials(one, fit.estimate)
-        row["monte_carlo"] = spread_of(one, found, fit.estimate.predict(W, names).factor, fit.mean_error(W, names))
-        if "impact_probability_linear" in row:
-            row["impact_probability_monte_carlo"] = impact_share(fate)
-    return {f"clones_{array_name(one.request.name)}_{one.unit}": found for one, found in zip(asked, points)}
+    of_name = {one.request.name: (one, found, fate) for one, found, fate in zip(asked, points, fates)}
+    told: list[Prediction] = []
+    for row in rows:
+        if row.estimator != fit.estimator.name or not isinstance(row, Answered):
+            told.append(row)
+            continue
+        one, found, fate = of_name[row.request.name]
+        spread = spread_of(one, found, row.factor, row.mean_error)
+        hits = None if row.impact_probability is None else impact_share(fate)
+        told.append(replace(row, drawn=spread, drawn_impacts=hits))
+    return told, {f"clones_{array_name(one.request.name)}_{one.unit}": found for one, found in zip(asked, points)}
 
 
-def _prediction_rows(
+def _predictions(
     scene: Scene, fits: Sequence[Fit], foretold: Mapping[str, Foretold], own: Mapping[str, Worlds]
-) -> list[dict[str, Any]]:
+) -> list[Prediction]:
     """The predictions of every estimator, those that do not exist among them; curvature once for each accuracy."""
-    rows: list[dict[str, Any]] = []
-    bent: dict[Any, list[dict[str, Any]]] = {}
+    rows: list[Prediction] = []
+    bent: dict[tuple[Kind, tuple[str, ...]], list[Nonlinearity]] = {}
     for fit in fits:
-        name = fit.estimator.name
-        found, missing = foretold[name]
-        solved = fit.estimate.solution is not None
-        mine = [unanswered_row(one, fit.estimate if solved else None, name, fit.mean_errors) for one in missing]
-        if found:
-            alike = (kind_of_problem(fit), tuple(asked.request.name for asked in found))
-            if alike not in bent:
-                bent[alike] = nonlinearity(scene, fit, found)
-            mine += [
-                prediction_row(
-                    asked, fit.estimate, name, prediction_rows(scene, own[name], asked), curved, fit.mean_errors
-                )
-                for asked, curved in zip(found, bent[alike])
-            ]
-        rows += in_order(mine, scene.mission.predictions)
+        found, missing = foretold[fit.estimator.name]
+        alike = (kind_of_problem(fit), tuple(asked.request.name for asked in found))
+        if found and alike not in bent:
+            bent[alike] = nonlinearity(scene, fit, found)
+        rows += of_fit(scene, fit, own.get(fit.estimator.name), found, missing, bent.get(alike, []))
     return rows

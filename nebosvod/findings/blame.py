@@ -9,9 +9,9 @@ A prior is a source of error too, and its error vanishes where the orbit, or the
 would be without the prior, nothing being known beforehand, is the opposite and stands beside it: `if_unknown`.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Generic, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -62,7 +62,93 @@ class Worlds:
         return cls(now=fit.estimate, then=then, priors=frozenset(name for name, one in priors.items() if one))
 
 
-def kind_of_problem(fit: Fit) -> tuple[tuple[str, str], ...]:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class StateSigmas:
+    """1 sigma of the state: root traces of position and of velocity."""
+
+    position_km: float
+    velocity_m_s: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class QuantitySigmas:
+    """1 sigma of a predicted quantity, in its unit: of each component (d,), and the root of the summed variances."""
+
+    each: Array
+    total: float
+
+
+Sigmas = TypeVar("Sigmas", StateSigmas, QuantitySigmas)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Remedied(Generic[Sigmas]):
+    """Sigmas if a source erred less: with the gain as it is, and re-optimised (None where that has no solution)."""
+
+    same_gain: Sigmas
+    new_gain: Sigmas | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Unknown(Generic[Sigmas]):
+    """Sigmas without a prior; None where the problem is then not observable, or too large to be solved again."""
+
+    new_gain: Sigmas | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Remedies(Generic[Sigmas]):
+    """What the sigmas would be with each remedy for one source; `if_unknown` is None unless the source is a prior."""
+
+    if_vanished: Remedied[Sigmas]
+    if_halved: Remedied[Sigmas]
+    if_unknown: Unknown[Sigmas] | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class StateShare:
+    """The part of one source in the state at the reference epoch.
+
+    Attributes
+    ----------
+    telescopes : whose source it is; none for the object and the prior.
+    sigma : what it contributes; squares of the sources add up.
+    share_position, share_velocity : of the variance, 0 to 1; share_parameters : of each parameter beside the state.
+    """
+
+    estimator: str
+    source: str
+    telescopes: tuple[str, ...]
+    sigma: StateSigmas
+    share_position: float
+    share_velocity: float
+    share_parameters: Mapping[str, float]
+    remedies: Remedies[StateSigmas]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class QuantityShare:
+    """The part of one source in a predicted quantity.
+
+    Attributes
+    ----------
+    telescopes : whose source it is; none for the object and the prior.
+    share : (d,) of the variance of each component, 0 to 1; share_total : of the sum of the variances.
+    sigma : what it contributes, in the unit of the quantity; squares of the sources add up.
+    """
+
+    source: str
+    telescopes: tuple[str, ...]
+    share: Array
+    share_total: float
+    sigma: QuantitySigmas
+    remedies: Remedies[QuantitySigmas]
+
+
+Kind = tuple[tuple[str, str], ...]
+
+
+def kind_of_problem(fit: Fit) -> Kind:
     """What decides the accuracy of a fit: its gain, and the treatment of everything; one of these, one budget."""
     groups: tuple[Block | White | Markov, ...] = (*fit.problem.blocks, *fit.problem.white, *fit.problem.markov)
     gain = fit.estimator.method if fit.own_gain else "least squares"
@@ -75,68 +161,68 @@ def telescopes_of(scene: Scene) -> dict[str, tuple[str, ...]]:
     return noise | {name: source.telescopes for name, source in scene.sources.items()}
 
 
-def state_rows(scene: Scene, fit: Fit, worlds: Worlds) -> list[dict[str, Any]]:
+def state_shares(scene: Scene, fit: Fit, worlds: Worlds) -> list[StateShare]:
     """The `budget` of one estimator: each source's part of the state, largest share of position first."""
-    whole = worlds.now.predict(np.eye(6), STATE_NAMES)
+    total = _state_sigmas(_variances(worlds.now.predict(np.eye(6), STATE_NAMES)))
     others = [name for name in worlds.now.names if name not in STATE_NAMES]
-    own = _parts(worlds.now.predict(np.eye(len(others)), others)) if others else None
+    own = _parts(worlds.now.predict(np.eye(len(others)), others)) if others else {}
     own_total = np.sum(list(own.values()), axis=0) if own else np.zeros(0)
-    total = _state_sigmas(_variances(whole))
     behind = telescopes_of(scene)
-    parts = _parts(whole)
-    stack = np.array(list(parts.values()))
     rows = []
-    for number, (source, alone) in enumerate(parts.items()):
-        part = _state_sigmas(alone)
-        row: dict[str, Any] = {
-            "estimator": fit.estimator.name,
-            "source": source,
-            "telescopes": list(behind.get(source, ())),
-            **part,
-            "share_position": _share(part["sigma_position_km"], total["sigma_position_km"]),
-            "share_velocity": _share(part["sigma_velocity_m_s"], total["sigma_velocity_m_s"]),
-            "share_parameters": {} if own is None else _component_shares(own[source], own_total, others),
-        }
-        for remedy, size in REMEDIES.items():
-            row[remedy] = _both(
-                _state_sigmas(_same_gain(stack, number, size)),
-                _new_gain(worlds, remedy, source, np.eye(6), STATE_NAMES, _state_sigmas),
+    for source, part, remedies in _sources(worlds, np.eye(6), STATE_NAMES, _state_sigmas):
+        sigma = _state_sigmas(part)
+        rows.append(
+            StateShare(
+                estimator=fit.estimator.name,
+                source=source,
+                telescopes=behind.get(source, ()),
+                sigma=sigma,
+                share_position=_share(sigma.position_km, total.position_km),
+                share_velocity=_share(sigma.velocity_m_s, total.velocity_m_s),
+                share_parameters=_component_shares(own[source], own_total, others) if own else {},
+                remedies=remedies,
             )
-        row[UNKNOWN] = _unknown(worlds, source, np.eye(6), STATE_NAMES, _state_sigmas, tuple(part))
-        rows.append(row)
-    return sorted(rows, key=lambda row: -row["share_position"])
+        )
+    return sorted(rows, key=lambda row: -row.share_position)
 
 
-def prediction_rows(scene: Scene, worlds: Worlds, asked: Quantity) -> list[dict[str, Any]]:
+def quantity_shares(scene: Scene, worlds: Worlds, asked: Quantity) -> list[QuantityShare]:
     """The `budget` of a predicted quantity, largest share of the summed variance first."""
     W, names = known_partials(asked, worlds.now)
-    whole = worlds.now.predict(W, names)
-    variance = _variances(whole)
-    behind, unit = telescopes_of(scene), asked.unit
+    variance, behind = _variances(worlds.now.predict(W, names)), telescopes_of(scene)
+    rows = [
+        QuantityShare(
+            source=source,
+            telescopes=behind.get(source, ()),
+            share=np.array([one / all_ if all_ > 0.0 else 0.0 for one, all_ in zip(part, variance)]),
+            share_total=float(part.sum() / variance.sum()) if variance.sum() > 0.0 else 0.0,
+            sigma=_quantity_sigmas(part),
+            remedies=remedies,
+        )
+        for source, part, remedies in _sources(worlds, W, names, _quantity_sigmas)
+    ]
+    return sorted(rows, key=lambda row: -row.share_total)
 
-    def sigmas(variances: Array) -> dict[str, Any]:
-        return {
-            f"sigma_{unit}": np.sqrt(variances).tolist(),
-            f"sigma_total_{unit}": float(np.sqrt(variances.sum())),
-        }
 
-    parts = _parts(whole)
+def _sources(
+    worlds: Worlds, W: Array, names: Sequence[str], sigmas: Callable[[Array], Sigmas]
+) -> Iterator[tuple[str, Array, Remedies[Sigmas]]]:
+    """Each source with its part (d,) in the variances of w = W x, and what the sigmas would be with its remedies."""
+    parts = _parts(worlds.now.predict(W, names))
     stack = np.array(list(parts.values()))
-    rows = []
+
+    def new_gain(remedy: str, source: str) -> Sigmas | None:
+        """The sigmas in the world of a remedy; None where that world could not be solved."""
+        estimate = worlds.then.get((remedy, source))
+        return None if estimate is None else sigmas(_variances(estimate.predict(W, names)))
+
     for number, (source, part) in enumerate(parts.items()):
-        row: dict[str, Any] = {
-            "source": source,
-            "telescopes": list(behind.get(source, ())),
-            "share": [float(one / all_) if all_ > 0.0 else 0.0 for one, all_ in zip(part, variance)],
-            "share_total": float(part.sum() / variance.sum()) if variance.sum() > 0.0 else 0.0,
-            **sigmas(part),
-        }
-        for remedy, size in REMEDIES.items():
-            same = sigmas(_same_gain(stack, number, size))
-            row[remedy] = _both(same, _new_gain(worlds, remedy, source, W, names, sigmas))
-        row[UNKNOWN] = _unknown(worlds, source, W, names, sigmas, tuple(sigmas(part)))
-        rows.append(row)
-    return sorted(rows, key=lambda row: -row["share_total"])
+        vanished, halved = (
+            Remedied(same_gain=sigmas(_same_gain(stack, number, size)), new_gain=new_gain(remedy, source))
+            for remedy, size in REMEDIES.items()
+        )
+        unknown = Unknown(new_gain=new_gain(UNKNOWN, source)) if source in worlds.priors else None
+        yield source, part, Remedies(if_vanished=vanished, if_halved=halved, if_unknown=unknown)
 
 
 def _parts(whole: Prediction) -> dict[str, Array]:
@@ -158,37 +244,14 @@ def _same_gain(stack: Array, number: int, size: float) -> Array:
     return total
 
 
-def _new_gain(
-    worlds: Worlds, remedy: str, source: str, W: Array, names: Sequence[str], sigmas: Any
-) -> dict[str, Any] | None:
-    """The sigmas in the world of a remedy; None where that world could not be solved."""
-    estimate = worlds.then.get((remedy, source))
-    return None if estimate is None else dict(sigmas(_variances(estimate.predict(W, names))))
+def _state_sigmas(variances: Array) -> StateSigmas:
+    return StateSigmas(
+        position_km=float(np.sqrt(variances[:3].sum())), velocity_m_s=float(M_PER_KM * np.sqrt(variances[3:].sum()))
+    )
 
 
-def _unknown(
-    worlds: Worlds, source: str, W: Array, names: Sequence[str], sigmas: Any, keys: Sequence[str]
-) -> dict[str, Any] | None:
-    """The sigmas without a prior, null where they are not observable or not solved; None for any other source."""
-    if source not in worlds.priors:
-        return None
-    new = _new_gain(worlds, UNKNOWN, source, W, names, sigmas)
-    return {f"{key}_new_gain": None if new is None else new[key] for key in keys}
-
-
-def _both(same: Mapping[str, Any], new: Mapping[str, Any] | None) -> dict[str, Any]:
-    """The two answers side by side, the key saying which."""
-    return {f"{key}_same_gain": value for key, value in same.items()} | {
-        f"{key}_new_gain": None if new is None else new[key] for key in same
-    }
-
-
-def _state_sigmas(variances: Array) -> dict[str, float]:
-    """Root traces of position and velocity."""
-    return {
-        "sigma_position_km": float(np.sqrt(variances[:3].sum())),
-        "sigma_velocity_m_s": float(M_PER_KM * np.sqrt(variances[3:].sum())),
-    }
+def _quantity_sigmas(variances: Array) -> QuantitySigmas:
+    return QuantitySigmas(each=np.sqrt(variances), total=float(np.sqrt(variances.sum())))
 
 
 def _share(part: float, whole: float) -> float:

@@ -1,8 +1,7 @@
 """Five accuracies of one prediction side by side, and what it means when they disagree."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -37,22 +36,55 @@ MEANINGS: Mapping[str, str] = {
 }
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Accuracies:
+    """Five accuracies of one component of a prediction, in its unit.
+
+    Attributes
+    ----------
+    component : number of it, from 0.
+    formal, extended : 1 sigma as the estimator believes, and in truth.
+    mean_error : mean of predicted minus true value.
+    worst_correlation, worst_any_correlation : 1 sigma with the worst correlation of the noise, and the bound for any;
+        None where the search is left out.
+    guaranteed : bound, with so many measurements; None with a reason where there is none.
+    monte_carlo, monte_carlo_interval_99 : standard deviation of drawn errors; None with a reason where none were drawn.
+    statement : how they agree, in words.
+    """
+
+    estimator: str
+    prediction: str
+    component: int
+    unit: str
+    formal: float
+    extended: float
+    mean_error: float
+    worst_correlation: float | None
+    worst_any_correlation: float | None
+    guaranteed: float | None
+    guaranteed_measurements: int
+    guaranteed_reason: str | None
+    monte_carlo: float | None
+    monte_carlo_interval_99: tuple[float, float] | None
+    monte_carlo_reason: str | None
+    statement: str = ""
+
+
 def comparison(
     scene: Scene, fits: Sequence[Fit], predicted: Mapping[str, Sequence[Quantity]], samples: Mapping[str, Sample]
-) -> dict[str, Any]:
-    """The `accuracy_comparison` block: a row for each component of each prediction of each of the given fits.
+) -> list[Accuracies]:
+    """The accuracies of each component of each prediction of each of the given fits.
 
     Parameters
     ----------
     samples : Monte Carlo samples by estimator; empty when none was asked for.
     """
-    rows = [
+    return [
         row for fit in fits for row in _rows(scene, fit, predicted[fit.estimator.name], samples.get(fit.estimator.name))
     ]
-    return {"meaning": dict(MEANINGS), "guaranteed_level": LEVEL, "rows": rows}
 
 
-def _rows(scene: Scene, fit: Fit, asked: Sequence[Quantity], sample: Sample | None) -> list[dict[str, Any]]:
+def _rows(scene: Scene, fit: Fit, asked: Sequence[Quantity], sample: Sample | None) -> list[Accuracies]:
     """Rows of one estimator."""
     rows = []
     few = thinned(boxed(reaching(fit)), MOST_MEASUREMENTS)
@@ -65,26 +97,30 @@ def _rows(scene: Scene, fit: Fit, asked: Sequence[Quantity], sample: Sample | No
         sure, reason = _guaranteed(few, W, names)
         drawn, interval, missing = _monte_carlo(fit, W, names, sample)
         for k in range(len(W)):
-            row = {
-                "estimator": fit.estimator.name,
-                "prediction": quantity.request.name,
-                "component": k,
-                "unit": quantity.unit,
-                "formal": float(found.sigma_formal[k]),
-                "extended": float(found.sigma[k]),
-                "mean_error": float(off[k]),
-                "worst_correlation": float(worst[k]) if np.isfinite(worst[k]) else None,
-                "worst_any_correlation": float(bound[k]) if np.isfinite(bound[k]) else None,
-                "guaranteed": None if sure is None else float(sure[k]),
-                "guaranteed_measurements": few.n,
-                "guaranteed_reason": reason,
-                "monte_carlo": None if drawn is None else float(drawn[k]),
-                "monte_carlo_interval_99": None if interval is None else [float(x) for x in interval[k]],
-                "monte_carlo_reason": missing,
-            }
+            row = Accuracies(
+                estimator=fit.estimator.name,
+                prediction=quantity.request.name,
+                component=k,
+                unit=quantity.unit,
+                formal=float(found.sigma_formal[k]),
+                extended=float(found.sigma[k]),
+                mean_error=float(off[k]),
+                worst_correlation=_finite(worst[k]),
+                worst_any_correlation=_finite(bound[k]),
+                guaranteed=None if sure is None else float(sure[k]),
+                guaranteed_measurements=few.n,
+                guaranteed_reason=reason,
+                monte_carlo=None if drawn is None else float(drawn[k]),
+                monte_carlo_interval_99=None if interval is None else (float(interval[k, 0]), float(interval[k, 1])),
+                monte_carlo_reason=missing,
+            )
             left_out = {name: float(np.sum(G[k] ** 2)) for name, G in found.factors.items()}
-            rows.append(row | {"statement": statement(row, _unmodelled(scene, fit, left_out))})
+            rows.append(replace(row, statement=statement(row, _unmodelled(scene, fit, left_out))))
     return rows
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
 
 
 def worst_sigmas(fit: Fit, W: Array, names: Sequence[str]) -> tuple[Array, Array]:
@@ -182,9 +218,9 @@ def _unmodelled(scene: Scene, fit: Fit, variances: Mapping[str, float]) -> str |
     return name if not behind or any(one in name for one in behind) else f"{name} ({', '.join(behind)})"
 
 
-def statement(row: Mapping[str, Any], unmodelled: str | None) -> str:
+def statement(row: Accuracies, unmodelled: str | None) -> str:
     """One or two sentences on how the five agree."""
-    formal, true, worst = row["formal"], row["extended"], row["worst_correlation"]
+    formal, true, worst = row.formal, row.extended, row.worst_correlation
     said = []
     if true > OPTIMISTIC * formal:
         because = f", which leaves {unmodelled} out of its weights" if unmodelled else ""
@@ -193,14 +229,14 @@ def statement(row: Mapping[str, Any], unmodelled: str | None) -> str:
         said.append(f"The estimator's own sigma is {formal / true:.3g} times too large.")
     else:
         said.append("Formal and extended accuracy agree.")
-    if true > 0.0 and abs(row.get("mean_error") or 0.0) > TOLD_MEAN * true:
-        said.append(f"On average it is off by {row['mean_error'] / true:.3g} sigmas, for an error left out has a mean.")
+    if true > 0.0 and abs(row.mean_error) > TOLD_MEAN * true:
+        said.append(f"On average it is off by {row.mean_error / true:.3g} sigmas, for an error left out has a mean.")
     if worst is not None and true > 0.0 and worst > OPTIMISTIC * true:
         said.append(f"Noise correlated in time could make it {worst / true:.3g} times worse.")
-    if row["guaranteed"] is not None and true > 0.0:
-        said.append(f"The guaranteed bound is {row['guaranteed'] / true:.3g} sigmas.")
-    if row["monte_carlo"] is not None:
-        low, high = row["monte_carlo_interval_99"]
+    if row.guaranteed is not None and true > 0.0:
+        said.append(f"The guaranteed bound is {row.guaranteed / true:.3g} sigmas.")
+    if row.monte_carlo_interval_99 is not None:
+        low, high = row.monte_carlo_interval_99
         inside = low <= true <= high
         said.append(f"Monte Carlo {'confirms' if inside else 'contradicts'} the extended sigma.")
     return " ".join(said)

@@ -7,9 +7,8 @@ arc; where the filter cannot follow the truth (something is left out beside an e
 batch of its own. Repeating one geometry N times gives the slope -1/2 in logarithms; a growing arc does better.
 """
 
-from collections.abc import Iterable, Sequence
-from dataclasses import replace
-from typing import Any
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -24,6 +23,8 @@ from nebosvod.scene.prior import STATE_NAMES
 from nebosvod.timescale import SECONDS_PER_DAY
 
 Array = npt.NDArray[np.float64]
+Integers = npt.NDArray[np.int64]
+WORLDS = ("noise_only", "noise_and_prior", "all")  # what is uncertain in each curve
 POINTS = 40  # of a curve against the number of measurements
 SPARSER = (1, 2, 4, 8, 16, 32, 64)
 NOISE_FACTORS = tuple(float(f) for f in 10.0 ** np.arange(-2.0, 2.01, 0.5))
@@ -31,21 +32,78 @@ EXPECTED_SLOPE = -0.5
 FEWEST = 4  # measurements of a telescope, below which a sparser cadence is not tried
 
 
-def curves(fit: Fit, asked: Sequence[Quantity]) -> list[dict[str, Any]]:
-    """The `curves` block: one entry a prediction, total sigmas (root of the summed variances)."""
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CountCurve:
+    """Total sigma of a prediction after each of m numbers of measurements, in its unit.
+
+    Attributes
+    ----------
+    count, days : (m,) how many measurements, and how long after the first.
+    totals : (m,) by what is uncertain, a name of WORLDS; inf where that is not observable.
+    slope, slope_arc : of log sigma against the logarithm of count, and of the arc, over the last octave; by the same
+        names, None where there are too few points.
+    prior_only : from the priors alone; None while some of the state has no prior.
+    """
+
+    count: Integers
+    days: Array
+    totals: Mapping[str, Array]
+    slope: Mapping[str, float | None]
+    slope_arc: Mapping[str, float | None]
+    prior_only: float | None
+    expected_slope: float = EXPECTED_SLOPE
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CadenceCurve:
+    """Total sigma (m,) of a prediction with every m-th exposure only, in its unit; inf where not observable."""
+
+    every: Sequence[int]
+    count: Sequence[int]
+    total: Array
+    slope: float | None
+    expected_slope: float = EXPECTED_SLOPE
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class NoiseCurve:
+    """Total sigma (m,) of a prediction with the noise of all telescopes so many times as large, in its unit."""
+
+    factor: Sequence[float]
+    total: Array
+    slope_quiet: float | None
+    slope_noisy: float | None
+    expected_slope_noisy: float = 1.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Curve:
+    """The curves of one prediction of one estimator."""
+
+    prediction: str
+    estimator: str
+    unit: str
+    measurements: CountCurve
+    cadence: CadenceCurve
+    telescope_noise: NoiseCurve
+
+
+def curves(fit: Fit, asked: Sequence[Quantity]) -> list[Curve]:
+    """The curves of each prediction: total sigmas, roots of the summed variances."""
     if not asked:
         return []
-    counted, thinned, noisy = by_count(fit, asked), by_cadence(fit, asked), by_noise(fit, asked)
     return [
-        {
-            "prediction": quantity.request.name,
-            "estimator": fit.estimator.name,
-            "unit": quantity.unit,
-            "measurements": counted[index],
-            "cadence": thinned[index],
-            "telescope_noise": noisy[index],
-        }
-        for index, quantity in enumerate(asked)
+        Curve(
+            prediction=quantity.request.name,
+            estimator=fit.estimator.name,
+            unit=quantity.unit,
+            measurements=counted,
+            cadence=sparser,
+            telescope_noise=noisy,
+        )
+        for quantity, counted, sparser, noisy in zip(
+            asked, by_count(fit, asked), by_cadence(fit, asked), by_noise(fit, asked)
+        )
     ]
 
 
@@ -63,42 +121,38 @@ def noise_and_prior(problem: LinearProblem, dynamic: Sequence[str]) -> LinearPro
     return replace(problem, blocks=blocks, priors=priors, white=(), markov=())
 
 
-def by_count(fit: Fit, asked: Sequence[Quantity]) -> list[dict[str, Any]]:
+def by_count(fit: Fit, asked: Sequence[Quantity]) -> list[CountCurve]:
     """Sigmas after each measurement, thinned to even steps of the logarithm, with the slope of the last octave."""
     problem, t_s = fit.problem, fit.observation.t_s
-    dynamic = fit.observation.parameter_names
-    worlds = {
-        "noise_only": noise_only(problem),
-        "noise_and_prior": noise_and_prior(problem, dynamic),
-        "all": problem,
-    }
-    n = problem.n
-    place = np.unique(np.round(np.geomspace(1, n, POINTS)).astype(np.int64)) - 1
-    rows: list[dict[str, Any]] = [
-        {
-            "count": (place + 1).tolist(),
-            "days": ((t_s[place] - t_s[0]) / SECONDS_PER_DAY).tolist(),
-            "expected_slope": EXPECTED_SLOPE,
-            "slope": {},
-            "slope_arc": {},
-        }
-        for _ in asked
-    ]
+    place = np.unique(np.round(np.geomspace(1, problem.n, POINTS)).astype(np.int64)) - 1
     arc = np.maximum(t_s - t_s[0], 0.0)
-    for name, world in worlds.items():
-        passed = _followed(world, asked)
-        if passed is not None:
-            first = _first_observable(world, place)
-            for total in passed:
-                total[:first] = np.inf
-        known, totals = (np.arange(n), passed) if passed is not None else (place, _stepped(world, asked, place))
-        for row, quantity, total in zip(rows, asked, totals):
-            row[f"{name}_{quantity.unit}"] = [_finite(value) for value in total[np.searchsorted(known, place)]]
-            row["slope"][name] = last_slope(known.astype(np.float64) + 1.0, total)
-            row["slope_arc"][name] = last_slope(arc[known], total)
-    for row, quantity in zip(rows, asked):
-        row[f"prior_only_{quantity.unit}"] = prior_sigma(problem, quantity)
+    worlds = (noise_only(problem), noise_and_prior(problem, fit.observation.parameter_names), problem)
+    found = {name: _along(world, asked, place) for name, world in zip(WORLDS, worlds)}
+    rows = []
+    for index, quantity in enumerate(asked):
+        own = {name: (known, totals[index]) for name, (known, totals) in found.items()}
+        rows.append(
+            CountCurve(
+                count=place + 1,
+                days=(t_s[place] - t_s[0]) / SECONDS_PER_DAY,
+                totals={name: total[np.searchsorted(known, place)] for name, (known, total) in own.items()},
+                slope={name: last_slope(known.astype(np.float64) + 1.0, total) for name, (known, total) in own.items()},
+                slope_arc={name: last_slope(arc[known], total) for name, (known, total) in own.items()},
+                prior_only=prior_sigma(problem, quantity),
+            )
+        )
     return rows
+
+
+def _along(problem: LinearProblem, asked: Sequence[Quantity], place: Integers) -> tuple[Integers, list[Array]]:
+    """Numbers (k,) of measurements, and the total sigma (k,) of each quantity after them; inf where not observable."""
+    passed = _followed(problem, asked)
+    if passed is None:
+        return place, _stepped(problem, asked, place)
+    first = _first_observable(problem, place)
+    for total in passed:
+        total[:first] = np.inf
+    return np.arange(problem.n), passed
 
 
 def prior_sigma(problem: LinearProblem, quantity: Quantity) -> float | None:
@@ -114,7 +168,7 @@ def prior_sigma(problem: LinearProblem, quantity: Quantity) -> float | None:
     return float(np.sqrt(variance)) if set(STATE_NAMES) <= known else None
 
 
-def by_cadence(fit: Fit, asked: Sequence[Quantity]) -> list[dict[str, Any]]:
+def by_cadence(fit: Fit, asked: Sequence[Quantity]) -> list[CadenceCurve]:
     """Sigmas with every m-th exposure of each telescope, the arc being the same; all nuisances as they are."""
     problem, index = fit.problem, fit.observation.telescope_index
     order = np.zeros(problem.n, dtype=np.int64)
@@ -125,18 +179,17 @@ def by_cadence(fit: Fit, asked: Sequence[Quantity]) -> list[dict[str, Any]]:
     parts = [subset(problem, order % m == 0) for m in steps]
     counts = [part.n for part in parts]
     return [
-        {
-            "every": steps,
-            "count": counts,
-            f"sigma_total_{quantity.unit}": [_finite(value) for value in values],
-            "slope": last_slope(np.array(counts[::-1], dtype=np.float64), np.array(values[::-1])),
-            "expected_slope": EXPECTED_SLOPE,
-        }
-        for quantity, values in zip(asked, _totals(parts, asked))
+        CadenceCurve(
+            every=steps,
+            count=counts,
+            total=total,
+            slope=last_slope(np.array(counts, dtype=np.float64)[::-1], total[::-1]),
+        )
+        for total in _totals(parts, asked)
     ]
 
 
-def by_noise(fit: Fit, asked: Sequence[Quantity]) -> list[dict[str, Any]]:
+def by_noise(fit: Fit, asked: Sequence[Quantity]) -> list[NoiseCurve]:
     """Sigmas with the noise of all telescopes scaled, gains re-optimised: a floor of nuisances, then slope 1."""
     worlds = []
     for factor in NOISE_FACTORS:
@@ -146,14 +199,13 @@ def by_noise(fit: Fit, asked: Sequence[Quantity]) -> list[dict[str, Any]]:
         worlds.append(world)
     factors = np.array(NOISE_FACTORS)
     return [
-        {
-            "factor": list(NOISE_FACTORS),
-            f"sigma_total_{quantity.unit}": [_finite(value) for value in values],
-            "slope_quiet": last_slope(1.0 / factors[:3], np.array(values[:3]), -1.0),
-            "slope_noisy": last_slope(factors[-3:], np.array(values[-3:])),
-            "expected_slope_noisy": 1.0,
-        }
-        for quantity, values in zip(asked, _totals(worlds, asked))
+        NoiseCurve(
+            factor=NOISE_FACTORS,
+            total=total,
+            slope_quiet=last_slope(1.0 / factors[:3], total[:3], -1.0),
+            slope_noisy=last_slope(factors[-3:], total[-3:]),
+        )
+        for total in _totals(worlds, asked)
     ]
 
 
@@ -168,7 +220,7 @@ def last_slope(x: Array, sigma: Array, sign: float = 1.0) -> float | None:
     return float(sign * np.polyfit(np.log(x[inside]), np.log(sigma[inside]), 1)[0])
 
 
-def _first_observable(problem: LinearProblem, place: npt.NDArray[np.int64]) -> int:
+def _first_observable(problem: LinearProblem, place: Integers) -> int:
     """Number of measurements before the first of `place` where the problem is observable in double precision.
 
     A filter goes on through a problem whose condition is beyond 1/eps and then shows numbers of no meaning.
@@ -179,10 +231,9 @@ def _first_observable(problem: LinearProblem, place: npt.NDArray[np.int64]) -> i
     return problem.n
 
 
-def _stepped(problem: LinearProblem, asked: Sequence[Quantity], place: npt.NDArray[np.int64]) -> list[Array]:
+def _stepped(problem: LinearProblem, asked: Sequence[Quantity], place: Integers) -> list[Array]:
     """Total sigma of each quantity after some of the measurements, a batch each."""
-    parts = (subset(problem, np.arange(problem.n) <= last) for last in place)
-    return [np.array(values) for values in _totals(parts, asked)]
+    return _totals((subset(problem, np.arange(problem.n) <= last) for last in place), asked)
 
 
 def _followed(problem: LinearProblem, asked: Sequence[Quantity]) -> list[Array] | None:
@@ -203,8 +254,8 @@ def _followed(problem: LinearProblem, asked: Sequence[Quantity]) -> list[Array] 
     return [np.sqrt(np.sum(part**2, axis=1)) for part in np.split(sigma, edges, axis=1)]
 
 
-def _totals(problems: Iterable[LinearProblem], asked: Sequence[Quantity]) -> list[list[float]]:
-    """Total sigma of each quantity in each problem; inf where it is not observable."""
+def _totals(problems: Iterable[LinearProblem], asked: Sequence[Quantity]) -> list[Array]:
+    """Total sigma (problems,) of each quantity; inf where it is not observable."""
     found: list[list[float]] = [[] for _ in asked]
     for problem in problems:
         estimate = batch.solve(problem)
@@ -214,8 +265,4 @@ def _totals(problems: Iterable[LinearProblem], asked: Sequence[Quantity]) -> lis
             else:
                 factors = estimate.predict(*known_partials(quantity, estimate)).factors
                 values.append(float(np.sqrt(sum(np.sum(G**2) for G in factors.values()))))
-    return found
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
+    return [np.array(values) for values in found]

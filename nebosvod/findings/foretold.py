@@ -4,16 +4,17 @@ It becomes a row with a status and a reason; the other predictions stand, and th
 for one whose ellipse is larger than the body or the sky it lies on.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from nebosvod.dynamics import Trajectory
 from nebosvod.dynamics.surface import SURFACE_KM
+from nebosvod.engine.facts import Disc, EntryFacts, Facts, NoEventError
 from nebosvod.engine.fitting import Fit
-from nebosvod.engine.quantity import Disc, Quantity, chance, known_partials, quantity, time_scale
+from nebosvod.engine.quantity import Quantity, known_partials, quantity
 from nebosvod.errors import NoAnswerError
 from nebosvod.estimation import Estimate
 from nebosvod.mission.request import Prediction
@@ -23,20 +24,20 @@ from nebosvod.units import ARCSEC
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Unanswered:
+class Missing:
     """A prediction that does not exist for this orbit.
 
     Attributes
     ----------
     request, status, reason : what was asked, one word, and the sentence that says why.
-    facts : what is known all the same, units in the key names.
+    facts : what is known all the same; None where nothing is.
     disc, names : of its encounter, as of `Quantity`.
     """
 
     request: Prediction
     status: str
     reason: str
-    facts: Mapping[str, Any]
+    facts: Facts | None = None
     disc: Disc | None = None
     names: tuple[str, ...] = ()
 
@@ -45,7 +46,7 @@ class Foretold(NamedTuple):
     """The predictions that exist for an orbit and can be believed, and the others."""
 
     found: list[Quantity]
-    missing: list[Unanswered]
+    missing: list[Missing]
 
 
 def predicted(scene: Scene, trajectory: Trajectory, requests: Sequence[Prediction]) -> Foretold:
@@ -55,7 +56,7 @@ def predicted(scene: Scene, trajectory: Trajectory, requests: Sequence[Predictio
         try:
             found.append(quantity(scene, trajectory, request))
         except NoAnswerError as error:
-            missing.append(unanswered(request, error, trajectory))
+            missing.append(missing_prediction(request, error, trajectory))
     return Foretold(found, missing)
 
 
@@ -74,47 +75,25 @@ def foretell(scene: Scene, fit: Fit, trajectory: Trajectory | None = None) -> Fo
     return believable(found, missing, fit.estimate)
 
 
-def unknown_orbit(request: Prediction, reason: str) -> Unanswered:
+def unknown_orbit(request: Prediction, reason: str) -> Missing:
     """What is said of a prediction when no orbit is known."""
-    return Unanswered(request=request, status="orbit_unknown", reason=reason, facts={})
+    return Missing(request=request, status="orbit_unknown", reason=reason)
 
 
-def unanswered(request: Prediction, error: NoAnswerError, trajectory: Trajectory | None = None) -> Unanswered:
-    """What an error says of a prediction."""
-    facts = dict(error.facts)
-    disc = facts.pop("disc", None)
-    names = (*STATE_NAMES, *trajectory.parameter_names) if trajectory is not None else ()
-    return Unanswered(request=request, status=error.status, reason=str(error), facts=facts, disc=disc, names=names)
+def missing_prediction(request: Prediction, error: NoAnswerError, trajectory: Trajectory) -> Missing:
+    """What an error says of a prediction on an orbit."""
+    known = error if isinstance(error, NoEventError) else None
+    return Missing(
+        request=request,
+        status=error.status,
+        reason=str(error),
+        facts=None if known is None else known.facts,
+        disc=None if known is None else known.disc,
+        names=(*STATE_NAMES, *trajectory.parameter_names),
+    )
 
 
-def unanswered_row(
-    missing: Unanswered, estimate: Estimate | None, estimator: str, mean_errors: Mapping[str, float] | None = None
-) -> dict[str, Any]:
-    """One entry of `predictions` for what does not exist for this orbit: status and reason instead of numbers."""
-    request = missing.request
-    row: dict[str, Any] = {
-        "name": request.name,
-        "estimator": estimator,
-        "status": missing.status,
-        "reason": missing.reason,
-        "asked_tdb": request.when.iso(),
-        "asked_utc": request.when.iso("utc"),
-        "time_scale": time_scale(request),
-        "plane": request.plane,
-        **missing.facts,
-    }
-    if missing.disc is not None and estimate is not None:
-        row |= chance(missing.disc, missing.names, estimate, mean_errors)
-    return row
-
-
-def in_order(rows: Sequence[dict[str, Any]], requests: Sequence[Prediction]) -> list[dict[str, Any]]:
-    """Rows of one estimator in the order in which a mission asks for them."""
-    place = {request.name: index for index, request in enumerate(requests)}
-    return sorted(rows, key=lambda row: place[row["name"]])
-
-
-def believable(found: Sequence[Quantity], missing: Sequence[Unanswered], estimate: Estimate) -> Foretold:
+def believable(found: Sequence[Quantity], missing: Sequence[Missing], estimate: Estimate) -> Foretold:
     """The same without those whose 1 sigma ellipse is larger than the body, or the sky, it lies on."""
     kept, without = [], list(missing)
     for one in found:
@@ -123,7 +102,7 @@ def believable(found: Sequence[Quantity], missing: Sequence[Unanswered], estimat
             kept.append(one)
         else:
             without.append(
-                Unanswered(
+                Missing(
                     request=one.request, status="too_uncertain", reason=said, facts=one.facts, disc=one.disc,
                     names=one.names,
                 )
@@ -133,16 +112,18 @@ def believable(found: Sequence[Quantity], missing: Sequence[Unanswered], estimat
 
 def _too_large(one: Quantity, estimate: Estimate) -> str | None:
     """Why an ellipse is no answer, or None."""
-    sky, ground = one.unit == "arcsec", one.request.plane == "entry"
-    if not (sky or ground):
+    sky, entry = one.unit == "arcsec", one.facts if isinstance(one.facts, EntryFacts) else None
+    if not sky and entry is None:
         return None
     sigma = estimate.predict(*known_partials(one, estimate)).factor
     axes = np.linalg.svd(sigma, compute_uv=False)
-    radius = 1.0 / ARCSEC if sky else SURFACE_KM[one.facts["body"]] + one.facts["altitude_km"]
+    radius = 1.0 / ARCSEC if entry is None else SURFACE_KM[entry.encounter.body] + entry.altitude_km
     if axes[0] < radius:
         return None
     size = " x ".join(f"{axis * ARCSEC / np.radians(1.0) if sky else axis:.4g}" for axis in axes)
-    what = "deg, larger than the sky" if sky else f"km, larger than {one.facts['body']} at that altitude"
+    what = "deg, larger than the sky"
+    if entry is not None:
+        what = f"km, larger than {entry.encounter.body} at that altitude"
     return f"the 1 sigma ellipse would be {size} {what}: this orbit does not tell where; ask for b_plane" + (
         " or rtn" if sky else ""
     )

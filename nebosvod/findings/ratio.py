@@ -5,13 +5,15 @@ is a ratio of sums. Two stand side by side: with the nuisances the mission names
 the telescope's position as in the source, and with all.
 """
 
-from typing import Any, cast
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 import numpy.typing as npt
 
 from nebosvod.estimation import LinearProblem
-from nebosvod.estimation.accuracy.budget import NoiseToNuisance, critical_sigma, noise_to_nuisance
+from nebosvod.estimation.accuracy.budget import critical_sigma, noise_to_nuisance
 from nebosvod.mission.request import NuisanceGroup
 from nebosvod.scene.point import View
 from nebosvod.scene.scene import Scene
@@ -22,8 +24,64 @@ Flags = npt.NDArray[np.bool_]
 LIMITS_DB = (0.0, 20.0, 40.0)
 
 
-def ratio(scene: Scene, problem: LinearProblem, view: View) -> tuple[dict[str, Any], dict[str, Array]]:
-    """The noise-to-nuisance block with its means by telescope, and the ratios at each measurement.
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RatioMeans:
+    """Noise against nuisance over some measurements, ratios of sums, dB; infinite where nothing but noise acts.
+
+    Attributes
+    ----------
+    eta, effective, whitened : of the powers of noise and of the nuisances asked about, three ways; of estimation's
+        `NoiseToNuisance`. all_eta, all_effective : with every nuisance.
+    sigma_nuisance_arcsec, sigma_equivalent_arcsec : error of a measurement that does as much as those nuisances.
+    sigma_z_equivalent_km : error of the telescope's position that does.
+    sigma_z_limits_km : by the ratio wanted, dB: how well a position must be known for it, median over the measurements.
+    n_below_eta_min : measurements below the ratio that the mission wants.
+    """
+
+    eta_db: float
+    effective_db: float
+    whitened_db: float
+    all_eta_db: float
+    all_effective_db: float
+    sigma_nuisance_arcsec: float
+    sigma_equivalent_arcsec: float
+    sigma_z_equivalent_km: float
+    sigma_z_limits_km: Mapping[float, float]
+    n_below_eta_min: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TelescopeRatio:
+    """Noise against nuisance of one telescope; critical : smallest, median, largest of its measurements."""
+
+    telescope: str
+    means: RatioMeans
+    n_observations: int
+    critical_min_km: float
+    critical_median_km: float
+    critical_max_km: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class NoiseRatio:
+    """Noise against nuisance of n measurements.
+
+    Attributes
+    ----------
+    nuisances : the groups asked about. eta_min_db : the ratio that the mission wants.
+    eta_db, critical_km : (n,) the ratio, and the error of a telescope's position that does as much as the noise.
+    """
+
+    nuisances: tuple[NuisanceGroup, ...]
+    eta_min_db: float
+    means: RatioMeans
+    eta_db: Array
+    critical_km: Array
+    by_telescope: tuple[TelescopeRatio, ...]
+
+
+def ratio(scene: Scene, problem: LinearProblem, view: View) -> tuple[NoiseRatio, dict[str, Array]]:
+    """The ratios with their means by telescope, and the arrays of each measurement.
 
     Parameters
     ----------
@@ -37,30 +95,41 @@ def ratio(scene: Scene, problem: LinearProblem, view: View) -> tuple[dict[str, A
     equivalent = np.sqrt(found.nuisance) / np.linalg.norm(seen.H_z, axis=(1, 2))
     limits = sorted({*LIMITS_DB, plan.eta_min})
 
-    def means(mine: Flags) -> dict[str, Any]:
+    def means(mine: Flags) -> RatioMeans:
         """Means of the ratios over some measurements, equivalent errors, and limits of the position error."""
         median = float(np.median(critical[mine]))
-        return {
-            **_means(found, whole, mine),
-            "sigma_z_equivalent_km": _rms(equivalent[mine]),
-            "sigma_z_limit_km": {f"{db:g}_dB": median * 10.0 ** (-db / 20.0) for db in limits},
-            "n_below_eta_min": int(np.count_nonzero(found.eta_db[mine] < plan.eta_min)),
-        }
+        return RatioMeans(
+            eta_db=found.mean_db("eta", mine),
+            effective_db=found.mean_db("effective", mine),
+            whitened_db=found.mean_db("whitened", mine),
+            all_eta_db=whole.mean_db("eta", mine),
+            all_effective_db=whole.mean_db("effective", mine),
+            sigma_nuisance_arcsec=_rms(found.sigma_nuisance[mine] / ARCSEC),
+            sigma_equivalent_arcsec=_rms(found.sigma_equivalent[mine] / ARCSEC),
+            sigma_z_equivalent_km=_rms(equivalent[mine]),
+            sigma_z_limits_km={db: median * 10.0 ** (-db / 20.0) for db in limits},
+            n_below_eta_min=int(np.count_nonzero(found.eta_db[mine] < plan.eta_min)),
+        )
 
-    block = {
-        "nuisances": list(plan.nuisances),
-        "eta_min_db": plan.eta_min,
-        **means(np.ones(seen.t_s.size, dtype=bool)),
-        "mean": "ratio of sums over the measurements",
-        "eta_db": [_finite(value) for value in found.eta_db],
-        "sigma_z_critical_km": [_finite(value) for value in critical],
-        "by_telescope": [
-            {"telescope": telescope.name, **means(seen.telescope_index == number)}
-            | _spread(critical[seen.telescope_index == number])
-            for number, telescope in enumerate(seen.telescopes)
-        ],
-        "limit_statistic": "median over the measurements",
-    }
+    def of_telescope(name: str, mine: Flags) -> TelescopeRatio:
+        own = critical[mine]
+        return TelescopeRatio(
+            telescope=name,
+            means=means(mine),
+            n_observations=int(own.size),
+            critical_min_km=float(own.min()),
+            critical_median_km=float(np.median(own)),
+            critical_max_km=float(own.max()),
+        )
+
+    block = NoiseRatio(
+        nuisances=plan.nuisances,
+        eta_min_db=plan.eta_min,
+        means=means(np.ones(seen.t_s.size, dtype=bool)),
+        eta_db=found.eta_db,
+        critical_km=critical,
+        by_telescope=tuple(of_telescope(one.name, seen.telescope_index == k) for k, one in enumerate(seen.telescopes)),
+    )
     arrays = {
         "eta_db": found.eta_db,
         "eta_effective_db": found.eta_effective_db,
@@ -85,33 +154,6 @@ def _group(scene: Scene, name: str) -> NuisanceGroup | None:
     return cast(NuisanceGroup, scene.sources[name].group) if name in scene.sources else None
 
 
-def _means(found: NoiseToNuisance, whole: NoiseToNuisance, mine: Flags) -> dict[str, Any]:
-    """Means of the ratios over some measurements, and the errors of a measurement equivalent to the nuisances."""
-    return {
-        "eta_db_mean": _finite(found.mean_db("eta", mine)),
-        "eta_effective_db_mean": _finite(found.mean_db("effective", mine)),
-        "eta_whitened_db_mean": _finite(found.mean_db("whitened", mine)),
-        "eta_all_db_mean": _finite(whole.mean_db("eta", mine)),
-        "eta_all_effective_db_mean": _finite(whole.mean_db("effective", mine)),
-        "sigma_nuisance_arcsec": _rms(found.sigma_nuisance[mine] / ARCSEC),
-        "sigma_equivalent_arcsec": _rms(found.sigma_equivalent[mine] / ARCSEC),
-    }
-
-
-def _spread(critical: Array) -> dict[str, Any]:
-    return {
-        "n_observations": int(critical.size),
-        "sigma_z_critical_min_km": float(critical.min()),
-        "sigma_z_critical_median_km": float(np.median(critical)),
-        "sigma_z_critical_max_km": float(critical.max()),
-    }
-
-
 def _rms(values: Array) -> float:
     """Root mean square."""
     return float(np.sqrt(np.mean(values**2)))
-
-
-def _finite(value: float) -> float | None:
-    """The number, or null where nothing but noise acts."""
-    return float(value) if np.isfinite(value) else None

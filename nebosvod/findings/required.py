@@ -7,7 +7,6 @@ new solve and the answer a root; it may not exist, for an estimator that knows a
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -80,27 +79,60 @@ def position_of(scene: Scene, fit: Fit, telescope: str) -> Position | None:
     return Position(telescope=telescope, problem=problem, sources=sources, sigma_km=sigma, assumed=assumed)
 
 
-def required(scene: Scene, fit: Fit, asked: Sequence[Quantity]) -> list[dict[str, Any]]:
-    """The `required_position` rows: for each telescope and prediction, the sizes that cost 1, 10 and 50 %."""
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PositionLimit:
+    """The size of a position error, 1 sigma on each axis, that makes the sigma of a prediction grow by so many percent.
+
+    Attributes
+    ----------
+    same_gain_km, new_gain_km : with the gain as it is, and re-optimised; None where no size does it.
+    reason : why the second is None.
+    """
+
+    growth_percent: float
+    same_gain_km: float | None
+    new_gain_km: float | None
+    reason: str | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RequiredPosition:
+    """How well the position of one telescope must be known for one prediction.
+
+    Attributes
+    ----------
+    position : what is uncertain about it now.
+    unit : of the prediction; sigma_total_perfect : its total sigma were the position known exactly, None where even
+        then it is not determined.
+    """
+
+    position: Position
+    estimator: str
+    prediction: str
+    unit: str
+    sigma_total_perfect: float | None
+    limits: tuple[PositionLimit, ...]
+
+
+def required(scene: Scene, fit: Fit, asked: Sequence[Quantity]) -> list[RequiredPosition]:
+    """For each telescope and prediction, the sizes of the position error that cost 1, 10 and 50 %."""
     rows = []
     for telescope in scene.telescopes:
         position = position_of(scene, fit, telescope.name)
         if position is None or position.sigma_km == 0.0:
             continue
         search = _Search.of(fit, position, asked)
-        for index, quantity in enumerate(asked):
-            rows.append(
-                {
-                    "telescope": telescope.name,
-                    "sources": [] if position.assumed else list(position.sources),
-                    "assumed": "white, 1 sigma on each axis" if position.assumed else None,
-                    "sigma_position_now_km": None if position.assumed else position.sigma_km,
-                    "estimator": fit.estimator.name,
-                    "prediction": quantity.request.name,
-                    f"sigma_total_perfect_{quantity.unit}": search.perfect(index),
-                    "limits": [search.limit(index, percent) for percent in GROWTHS_PERCENT],
-                }
+        rows += [
+            RequiredPosition(
+                position=position,
+                estimator=fit.estimator.name,
+                prediction=quantity.request.name,
+                unit=quantity.unit,
+                sigma_total_perfect=search.perfect(index),
+                limits=tuple(search.limit(index, percent) for percent in GROWTHS_PERCENT),
             )
+            for index, quantity in enumerate(asked)
+        ]
     return rows
 
 
@@ -147,7 +179,7 @@ class _Search:
         value = float(self.sigmas(0.0)[index])
         return value if np.isfinite(value) else None
 
-    def limit(self, index: int, percent: float) -> dict[str, Any]:
+    def limit(self, index: int, percent: float) -> PositionLimit:
         """The size of the position error that makes the sigma of a quantity grow by so many percent."""
         growth = 1.0 + percent / 100.0
         size = self.position.sigma_km
@@ -155,12 +187,7 @@ class _Search:
         if self.own[index] > 0.0:
             same = float(size * np.sqrt((growth**2 - 1.0) * self.rest[index] / self.own[index]))
         new, reason = self._root(index, growth, same)
-        return {
-            "growth_percent": percent,
-            "sigma_position_same_gain_km": same,
-            "sigma_position_new_gain_km": new,
-            "reason": reason,
-        }
+        return PositionLimit(growth_percent=percent, same_gain_km=same, new_gain_km=new, reason=reason)
 
     def _root(self, index: int, growth: float, guess_km: float | None) -> tuple[float | None, str | None]:
         best = self.perfect(index)

@@ -3,33 +3,40 @@
 OrbitFit (arrays) -> Answer (numbers with names) -> summary, tables, report, terminal.
 """
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from nebosvod.dynamics import ForceModel, Trajectory
 from nebosvod.dynamics.impact import what_it_hits
-from nebosvod.engine.quantity import Quantity, out_of_steps, prediction_row
+from nebosvod.engine.quantity import out_of_steps
 from nebosvod.errors import CoverageError, EventError
 from nebosvod.estimation import Estimate
-from nebosvod.findings.blame import Worlds, prediction_rows, state_rows
-from nebosvod.findings.foretold import foretell, in_order, unanswered_row, unknown_orbit
+from nebosvod.findings.blame import StateShare, Worlds, state_shares
+from nebosvod.findings.foretold import foretell, unknown_orbit
 from nebosvod.findings.nonlinearity import nonlinearity
+from nebosvod.findings.prediction import Prediction, existing, of_fit, unanswered
 from nebosvod.fits import usual_force
 from nebosvod.fits.engine import OrbitFit
-from nebosvod.fits.orbit import OrbitAt, compared, orbit_at
+from nebosvod.fits.orbit import Comparison, OrbitAt, compared, orbit_at
 from nebosvod.mission import FitMission
 from nebosvod.mission.reading.places import place
-from nebosvod.scene.prior import STATE_NAMES
 from nebosvod.scene.recorded import long_span, long_trajectory
 from nebosvod.scene.scene import Scene
+from nebosvod.timescale import Epoch
 from nebosvod.units import ARCSEC
 
 Array = npt.NDArray[np.float64]
-Rows = Sequence[Mapping[str, Any]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Ended:
+    """An epoch asked for to which the orbit does not reach: one word, and the sentence that says why."""
+
+    epoch: Epoch
+    status: str
+    reason: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -40,22 +47,22 @@ class Answer:
     ----------
     fit : what it was made from.
     trajectory : the fitted orbit over all that is asked for; None where the fit has no covariance.
-    orbit : state and elements at the epoch of the answer; further : at the other epochs asked for.
-    budget, predictions, reference : rows for the summary.
-    ended : rows for the epochs asked for at which the orbit has ended, status and reason.
+    orbit : state and elements at the epoch of the answer; amid : at that of the fit; further : at the other epochs
+        asked for.
+    budget : of the state; predictions : those that do not exist among them; reference : how far from another orbit.
+    ended : the epochs asked for at which the orbit has ended.
     """
 
     fit: OrbitFit
-    trajectory: Trajectory | None
-    orbit: OrbitAt | None
-    amid: OrbitAt | None
-    further: tuple[OrbitAt, ...]
-    budget: Rows
-    predictions: Rows
-    quantities: tuple[Quantity, ...]
-    ended: Rows
-    reference: Mapping[str, Any] | None
-    cautions: tuple[str, ...]
+    trajectory: Trajectory | None = None
+    orbit: OrbitAt | None = None
+    amid: OrbitAt | None = None
+    further: tuple[OrbitAt, ...] = ()
+    budget: tuple[StateShare, ...] = ()
+    predictions: tuple[Prediction, ...] = ()
+    ended: tuple[Ended, ...] = ()
+    reference: Comparison | None = None
+    cautions: tuple[str, ...] = ()
 
 
 def answer(found: OrbitFit) -> Answer:
@@ -68,10 +75,7 @@ def answer(found: OrbitFit) -> Answer:
     """
     fit, mission = found.general.fit, found.mission
     estimate = fit.estimate
-    nothing = Answer(
-        fit=found, trajectory=None, orbit=None, amid=None, further=(), budget=(), predictions=_none_of(found),
-        quantities=(), ended=(), reference=None, cautions=(),
-    )  # fmt: skip
+    nothing = Answer(fit=found, predictions=_none_of(found))
     if estimate.solution is None:
         return nothing
     forces = found.general.scene.forces.with_values(fit.point.parameters)
@@ -88,7 +92,7 @@ def answer(found: OrbitFit) -> Answer:
     scene = replace(found.general.scene, trajectory=trajectory, span_s=span, needed_s=needed, forces=forces)
     worlds = Worlds(now=estimate, then={})
     amid = orbit_at(estimate, trajectory, 0.0)
-    asked, rows = _predicted(scene, found, trajectory, worlds)
+    predictions = _predicted(scene, found, trajectory, worlds)
     (first, *later), ended = _reached(mission, trajectory)
     reference, without = _comparison(mission, estimate, amid, forces)
     return Answer(
@@ -97,18 +101,17 @@ def answer(found: OrbitFit) -> Answer:
         orbit=orbit_at(estimate, trajectory, first) if first is not None else amid,
         amid=amid,
         further=tuple(orbit_at(estimate, trajectory, t) for t in later if t is not None),
-        ended=ended,
-        budget=state_rows(scene, fit, worlds),
-        predictions=rows,
-        quantities=asked,
+        ended=tuple(ended),
+        budget=tuple(state_shares(scene, fit, worlds)),
+        predictions=tuple(predictions),
         reference=reference,
-        cautions=(*usual_force.cautions(found, scene, asked, rows), *without),
+        cautions=(*usual_force.cautions(found, scene, existing(predictions)), *without),
     )
 
 
 def _comparison(
     mission: FitMission, estimate: Estimate, amid: OrbitAt, forces: ForceModel
-) -> tuple[dict[str, Any] | None, list[str]]:
+) -> tuple[Comparison | None, list[str]]:
     """The comparison with the orbit asked for, if any; or why there is none: an impact of the one that was given."""
     reference = mission.fit.reference
     if reference is None:
@@ -119,13 +122,13 @@ def _comparison(
         return None, [f"{place(mission, ('fit', 'reference', 'orbit'))}: not compared with {reference.name}: {error}"]
 
 
-def _reached(mission: FitMission, trajectory: Trajectory) -> tuple[list[float | None], list[dict[str, Any]]]:
+def _reached(mission: FitMission, trajectory: Trajectory) -> tuple[list[float | None], list[Ended]]:
     """Times, s, of the epoch of the answer and of the others, None where the orbit has ended or none is named; why."""
     asked = (mission.fit.epoch, *mission.fit.epochs)
     epoch, hit = mission.reference_epoch, what_it_hits(trajectory) if any(when is not None for when in asked) else None
     end = trajectory.span_s[1] if hit is None else hit.epoch - epoch
     times: list[float | None] = []
-    rows = []
+    ended = []
     for when in asked:
         if when is None or when - epoch < end or (hit is None and when - epoch == end):
             times.append(None if when is None else when - epoch)
@@ -133,40 +136,67 @@ def _reached(mission: FitMission, trajectory: Trajectory) -> tuple[list[float | 
         times.append(None)
         status, reason = "not_reached", out_of_steps(trajectory, when.scale)
         if hit is not None:
-            status, reason = (
-                "after_impact",
-                f"the orbit hits {hit.body} on {hit.epoch.iso(when.scale, 0)} and ends there",
-            )
-        rows.append({"epoch_tdb": when.iso(), "status": status, "reason": reason})
-    return times, rows
+            status = "after_impact"
+            reason = f"the orbit hits {hit.body} on {hit.epoch.iso(when.scale, 0)} and ends there"
+        ended.append(Ended(epoch=when, status=status, reason=reason))
+    return times, ended
 
 
-def _predicted(
-    scene: Scene, found: OrbitFit, trajectory: Trajectory, worlds: Worlds
-) -> tuple[tuple[Quantity, ...], list[dict[str, Any]]]:
-    """The predictions asked for, and their rows with sigma, ellipse, budget and the curvature behind them."""
-    mission, fit = found.mission, found.general.fit
+def _predicted(scene: Scene, found: OrbitFit, trajectory: Trajectory, worlds: Worlds) -> list[Prediction]:
+    """The predictions asked for, with sigma, ellipse, budget and the curvature behind them."""
+    fit = found.general.fit
     asked, missing = foretell(scene, fit, trajectory)
     curved = nonlinearity(scene, fit, asked) if asked else []
-    rows = [
-        prediction_row(
-            one, fit.estimate, fit.estimator.name, prediction_rows(scene, worlds, one), bend, fit.mean_errors
-        )
-        for one, bend in zip(asked, curved)
-    ]
-    rows += [unanswered_row(one, fit.estimate, fit.estimator.name, fit.mean_errors) for one in missing]
-    return tuple(asked), in_order(rows, mission.predictions)
+    return of_fit(scene, fit, worlds, asked, missing, curved)
 
 
-def _none_of(found: OrbitFit) -> list[dict[str, Any]]:
+def _none_of(found: OrbitFit) -> tuple[Prediction, ...]:
     """The predictions of a fit that has no orbit."""
     reason = f"no orbit is known: {found.verdict.message}"
     name = found.general.fit.estimator.name
-    return [unanswered_row(unknown_orbit(one, reason), None, name) for one in found.mission.predictions]
+    return tuple(unanswered(unknown_orbit(one, reason), None, name) for one in found.mission.predictions)
 
 
-def station_rows(found: OrbitFit) -> list[dict[str, Any]]:
-    """Residuals by station: how many observations, how many selected, root mean square and mean of the selected."""
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class StationResiduals:
+    """Residuals of one station.
+
+    Attributes
+    ----------
+    rms_arcsec, mean_arcsec : (2,) of the selected ones, RA* and Dec; nan where none is selected.
+    """
+
+    station: str
+    n_observations: int
+    n_selected: int
+    rms_arcsec: Array
+    mean_arcsec: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Rejected:
+    """An observation that was left out.
+
+    Attributes
+    ----------
+    residual_arcsec, sigma_arcsec, residual_sigma_arcsec : (2,) RA* and Dec: observed minus computed, 1 sigma of the
+        record, and of the residual.
+    chi : by the covariance of the residual; nan where it has none.
+    file, line : where it stands.
+    """
+
+    utc: str
+    station: str
+    residual_arcsec: Array
+    sigma_arcsec: Array
+    residual_sigma_arcsec: Array
+    chi: float
+    file: str
+    line: int
+
+
+def residuals_by_station(found: OrbitFit) -> list[StationResiduals]:
+    """How many observations, how many selected, root mean square and mean of these; most observations first."""
     general, station = found.general, found.material.astrometry.station
     v = general.residual / ARCSEC
     rows = []
@@ -174,51 +204,36 @@ def station_rows(found: OrbitFit) -> list[dict[str, Any]]:
         mine = station == code
         kept = mine & general.selected
         some = v[kept] if kept.any() else np.full((1, 2), np.nan)
-        rms, mean = np.sqrt(np.mean(some**2, axis=0)), np.mean(some, axis=0)
         rows.append(
-            {
-                "station": code,
-                "n_observations": int(mine.sum()),
-                "n_selected": int(kept.sum()),
-                "rms_ra_arcsec": _number(rms[0]),
-                "rms_dec_arcsec": _number(rms[1]),
-                "mean_ra_arcsec": _number(mean[0]),
-                "mean_dec_arcsec": _number(mean[1]),
-            }
+            StationResiduals(
+                station=code,
+                n_observations=int(mine.sum()),
+                n_selected=int(kept.sum()),
+                rms_arcsec=np.sqrt(np.mean(some**2, axis=0)),
+                mean_arcsec=np.mean(some, axis=0),
+            )
         )
-    return sorted(rows, key=lambda row: -row["n_observations"])
+    return sorted(rows, key=lambda row: -row.n_observations)
 
 
-def rejected_rows(found: OrbitFit) -> list[dict[str, Any]]:
-    """Every observation left out, in the order of time: residual, sigma of the record and of the residual, chi."""
+def rejected(found: OrbitFit) -> list[Rejected]:
+    """Every observation left out, in the order of time."""
     general, records = found.general, found.material.astrometry
     v, spread = general.residual / ARCSEC, general.spread / ARCSEC
     R = found.material.total_noise(general.seen) / ARCSEC**2
     return [
-        {
-            "utc": str(records.utc[row]),
-            "station": str(records.station[row]),
-            "residual_ra_arcsec": float(v[row, 0]),
-            "residual_dec_arcsec": float(v[row, 1]),
-            "sigma_ra_arcsec": float(np.sqrt(R[row, 0, 0])),
-            "sigma_dec_arcsec": float(np.sqrt(R[row, 1, 1])),
-            "residual_sigma_ra_arcsec": float(spread[row, 0]),
-            "residual_sigma_dec_arcsec": float(spread[row, 1]),
-            "chi": _number(np.sqrt(general.chi2[row])),
-            "file": str(records.path[row]),
-            "line": int(records.line[row]),
-        }
+        Rejected(
+            utc=str(records.utc[row]),
+            station=str(records.station[row]),
+            residual_arcsec=v[row],
+            sigma_arcsec=np.sqrt(np.diagonal(R[row])),
+            residual_sigma_arcsec=spread[row],
+            chi=float(np.sqrt(general.chi2[row])),
+            file=str(records.path[row]),
+            line=int(records.line[row]),
+        )
         for row in np.flatnonzero(~general.selected)
     ]
-
-
-def parameter_sigmas(found: OrbitFit) -> dict[str, tuple[float, float]]:
-    """Value and sigma of every estimated quantity beside the state, in the units of its name."""
-    fit = found.general.fit
-    if fit.estimate.solution is None:
-        return {}
-    values = fit.point.values
-    return {name: (values[name], fit.estimate.sigma(name)) for name in fit.estimate.names if name not in STATE_NAMES}
 
 
 def rms_arcsec(found: OrbitFit) -> tuple[float, float, float]:
@@ -226,8 +241,3 @@ def rms_arcsec(found: OrbitFit) -> tuple[float, float, float]:
     v = found.general.residual[found.general.selected] / ARCSEC
     rms = np.sqrt(np.mean(v**2, axis=0))
     return float(rms[0]), float(rms[1]), float(np.sqrt(np.mean(v**2)))
-
-
-def _number(value: float) -> float | None:
-    """The number, or None where there is none."""
-    return float(value) if np.isfinite(value) else None

@@ -12,7 +12,6 @@ from nebosvod.dynamics.elements import cometary_to_state, state_to_cometary, sta
 from nebosvod.dynamics.impact import carry
 from nebosvod.errors import CoverageError, EventError, GeometryError
 from nebosvod.estimation import Estimate, lower_factor
-from nebosvod.estimation.accuracy.formed import matrices
 from nebosvod.mission.fit import Reference
 from nebosvod.mission.orbit import SbdbOrbit
 from nebosvod.mission.state import orbit_state, to_icrf
@@ -98,21 +97,29 @@ def orbit_at(estimate: Estimate, trajectory: Trajectory, t_s: float) -> OrbitAt:
     )
 
 
-def elements_block(orbit: OrbitAt) -> dict[str, Any] | None:
-    """Elements with sigmas as the summary has them; None where they are undefined."""
-    cometary, keplerian = orbit.cometary(), orbit.keplerian()
-    if cometary is None or keplerian is None:
-        return None
-    block: dict[str, Any] = {"frame": "ecliptic of J2000, heliocentric"}
-    for names, (values, factor) in ((ELEMENTS, cometary), (KEPLERIAN, keplerian)):
-        sigma = np.linalg.norm(factor, axis=1)
-        block |= {name: {"value": float(v), "sigma": float(s)} for name, v, s in zip(names, values, sigma)}
-    block["names"] = list(ELEMENTS)
-    S = lower_factor(cometary[1])
-    return block | matrices(covariance=S) | {"factor": S.tolist()}
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Comparison:
+    """How far a fitted orbit is from a reference orbit, at one epoch.
+
+    Attributes
+    ----------
+    difference : (6,) heliocentric ICRF, km and km/s, fitted minus reference.
+    chi2 : d^T K^-1 d by the fitted covariance, `dof` degrees of freedom; sigmas : (6,) |d| in the fitted sigmas.
+    chi2_by_reference, sigma_ratio : by the reference's covariance, and fitted sigma over its (6,); None where it has
+        none.
+    """
+
+    name: str
+    epoch: Epoch
+    difference: Array
+    chi2: float
+    sigmas: Array
+    chi2_by_reference: float | None
+    sigma_ratio: Array | None
+    dof: int = 6
 
 
-def compared(reference: Reference, estimate: Estimate, fitted: OrbitAt, forces: ForceModel) -> dict[str, Any]:
+def compared(reference: Reference, estimate: Estimate, fitted: OrbitAt, forces: ForceModel) -> Comparison:
     """How far a fitted orbit is from a reference orbit, in sigmas, at the epoch of the reference.
 
     Each orbit is carried by its own forces alone: the fitted one, with its covariance, to the epoch of the reference,
@@ -137,22 +144,20 @@ def compared(reference: Reference, estimate: Estimate, fitted: OrbitAt, forces: 
     theirs, carried = _reference_state(reference, orbit, forces)
     difference = orbit.state - theirs
     whitened = np.linalg.solve(orbit.S, difference)
-    block: dict[str, Any] = {
-        "name": reference.name,
-        "epoch_tdb": orbit.epoch.iso(),
-        "difference_km_km_s": difference.tolist(),
-        "difference_position_km": float(np.linalg.norm(difference[:3])),
-        "chi2": float(whitened @ whitened),
-        "dof": 6,
-        "sigmas": (np.abs(difference) / np.linalg.norm(orbit.S, axis=1)).tolist(),
-        "chi2_by_reference": None,
-        "sigma_ratio": None,
-    }
+    by_reference, ratio = None, None
     if carried is not None:
         own = np.linalg.solve(carried, difference)
-        block["chi2_by_reference"] = float(own @ own)
-        block["sigma_ratio"] = (np.linalg.norm(orbit.S, axis=1) / np.linalg.norm(carried, axis=1)).tolist()
-    return block
+        by_reference = float(own @ own)
+        ratio = np.linalg.norm(orbit.S, axis=1) / np.linalg.norm(carried, axis=1)
+    return Comparison(
+        name=reference.name,
+        epoch=orbit.epoch,
+        difference=difference,
+        chi2=float(whitened @ whitened),
+        sigmas=np.abs(difference) / np.linalg.norm(orbit.S, axis=1),
+        chi2_by_reference=by_reference,
+        sigma_ratio=ratio,
+    )
 
 
 def _reference_state(reference: Reference, orbit: OrbitAt, forces: ForceModel) -> tuple[Array, Array | None]:

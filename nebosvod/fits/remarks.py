@@ -1,7 +1,6 @@
 """What the tests of a fit found, in words: missing forces, shared errors, whole stations rejected, sigmas too large."""
 
 from collections.abc import Iterator, Sequence
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -12,11 +11,11 @@ from nebosvod.fits import missing_force
 from nebosvod.fits.general import General
 from nebosvod.fits.leading import NOTE, Led
 from nebosvod.fits.shared_errors import LEAST, SharedError, parts
-from nebosvod.fits.suggestion import entry, flow
 from nebosvod.scene.material import Material
 from nebosvod.units import ARCSEC
 
 Rows = npt.NDArray[np.int64]
+UNITS = {"bias": "arcsec", "drift": "arcsec/d", "clock": "s", "scatter": "times", "wander": "arcsec"}
 SPOKEN = 4  # shared errors, or groups rejected as a whole, spoken of one by one
 GENEROUS = 0.5  # of its degrees of freedom, below which a small chi squared is spoken of
 RARE = 1e-3  # chance of so small a one
@@ -52,43 +51,6 @@ def _treated(found: Led, one: SharedError) -> str:
     if any(note.endswith(NOTE) for note in set(found.material.rule[one.rows].tolist())):
         return "so they weigh as one record of that size"
     return "their weights were left as they are"
-
-
-def shared_rows(found: Led, general: General) -> list[dict[str, Any]]:
-    """Shared errors for the summary."""
-    epoch = general.scene.epoch
-    return [
-        {
-            "station": one.station,
-            "n_observations": len(one.rows),
-            "kind": one.kind,
-            "sigmas": {kind: float(value) for kind, value in one.significance.items()},
-            "sigmas_corrected": float(one.corrected),
-            "n_tests": one.tried,
-            "estimate": [float(value) for value in one.estimate],
-            "sigma": [float(value) for value in one.sigma],
-            "unit": {"clock": "s", "drift": "arcsec/d", "scatter": "times"}.get(one.kind, "arcsec"),
-            "rms_ra_arcsec": float(one.size_rad[0] / ARCSEC),
-            "rms_dec_arcsec": float(one.size_rad[1] / ARCSEC),
-            "told": told(one, found.material),
-            "settings": flow(entry(one, epoch)),
-        }
-        for one in found.errors
-    ]
-
-
-def force_rows(found: Led) -> list[dict[str, Any]]:
-    """Missing forces for the summary."""
-    return [
-        {
-            "name": one.label,
-            "sigmas_before": float(one.before),
-            "sigmas_after": float(one.after),
-            "estimate_au_d2": float(one.estimate),
-            "sigma_au_d2": float(one.sigma),
-        }
-        for one in found.forces
-    ]
 
 
 def notices(found: Led, general: General) -> Iterator[str]:
@@ -136,7 +98,7 @@ def words(one: SharedError, date: Sequence[str]) -> str:
     ----------
     date : of the first and the last record.
     """
-    unit = {"clock": "s", "drift": "arcsec/d"}.get(one.kind, "arcsec")
+    unit = UNITS[one.kind]
     pairs = ", ".join(f"{value:+.2g} +- {sigma:.1g}" for value, sigma in zip(one.estimate, one.sigma))
     what = {
         "bias": f"a common bias of {pairs} {unit} in RA*, Dec",

@@ -9,9 +9,8 @@ Chesley et al. 2014, Icarus 235, 5: (101955) Bennu, 0.49 km, da/dt = -19.0e-4 au
 Farnocchia et al. 2013, Icarus 224, 1: the drift goes as 1/D.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -19,6 +18,7 @@ import numpy.typing as npt
 from nebosvod.dynamics import ForceModel, Nongrav
 from nebosvod.engine.quantity import Quantity, quantity
 from nebosvod.errors import NebosvodError
+from nebosvod.findings.prediction import Answered
 from nebosvod.fits.engine import OrbitFit
 from nebosvod.observation.measurement.photometry import apparent_magnitude
 from nebosvod.scene.prior import STATE_NAMES
@@ -34,16 +34,16 @@ ALBEDO, G = 0.14, 0.15  # of an asteroid nobody has measured
 SMALL = 0.1  # of a sigma: not worth a caution
 
 
-def cautions(found: OrbitFit, scene: Scene, asked: Sequence[Quantity], rows: Sequence[Mapping[str, Any]]) -> list[str]:
+def cautions(found: OrbitFit, scene: Scene, predictions: Sequence[Answered]) -> list[str]:
     """A sentence for each prediction that such an A2 would move.
 
     Parameters
     ----------
-    scene : of the answer. asked, rows : the predictions, and what the summary says of them.
+    scene : of the answer.
     """
     t_s = found.general.fit.observation.t_s
     force = next((one for one in found.found.forces if one.name == NAME), None)
-    far = [one for one in asked if _years(one, found, t_s) >= YEARS]
+    far = [one for one in predictions if _years(one.quantity, found, t_s) >= YEARS]
     if force is None or not far:
         return []
     size_km, how = diameter_km(found)
@@ -55,20 +55,19 @@ def cautions(found: OrbitFit, scene: Scene, asked: Sequence[Quantity], rows: Seq
         moved = [quantity(replace(scene, trajectory=trajectory, forces=model), trajectory, one.request) for one in far]
     except NebosvodError:
         return []
-    sigma = {row["name"]: _sigma(row) for row in rows}
     said = []
     for one, there in zip(far, moved):
         column = there.names.index(NAME)
         state = [there.names.index(name) for name in STATE_NAMES]
         shift = a2 * float(np.linalg.norm(there.partials[:, column] - there.partials[:, state] @ force.pull[:6]))
-        known = sigma.get(one.request.name)
+        known = float(one.semi_axes[0])
         if not known or shift < SMALL * known:
             continue
-        unit = {"km": "km", "arcsec": "arcsec", "m_s": "m/s"}[one.unit]
+        unit = {"km": "km", "arcsec": "arcsec", "m_s": "m/s"}[one.quantity.unit]
         said.append(
-            f"{one.request.name} lies {_years(one, found, t_s):.3g} years past the arc and A2 is held at 0: one of the "
-            f"usual size, {a2:.2g} au/d^2 for a diameter of {size_km:.2g} km ({how}), would move it by {shift:.2g} "
-            f"{unit}, {shift / known:.2g} of its sigmas; give object.nongrav.A2 with that sigma"
+            f"{one.request.name} lies {_years(one.quantity, found, t_s):.3g} years past the arc and A2 is held at 0: "
+            f"one of the usual size, {a2:.2g} au/d^2 for a diameter of {size_km:.2g} km ({how}), would move it by "
+            f"{shift:.2g} {unit}, {shift / known:.2g} of its sigmas; give object.nongrav.A2 with that sigma"
         )
     return said
 
@@ -105,12 +104,6 @@ def _years(one: Quantity, found: OrbitFit, t_s: Array) -> float:
     """How many years a prediction lies outside the arc."""
     when = one.epoch - found.epoch
     return max(when - float(t_s.max()), float(t_s.min()) - when) / (365.25 * SECONDS_PER_DAY)
-
-
-def _sigma(row: Mapping[str, Any]) -> float:
-    """The largest semi-axis of a prediction; 0 where it has none."""
-    axes = next((row[key] for key in row if key.startswith("semi_axes_")), None)
-    return float(axes[0]) if axes else 0.0
 
 
 def _with_a2(forces: ForceModel) -> ForceModel:

@@ -16,8 +16,8 @@ import numpy as np
 from nebosvod.borders.stored import held_together, read_arrays, read_object
 from nebosvod.errors import InputError
 from nebosvod.findings.kinds import kind_of
-from nebosvod.findings.outlook import answered, without_answer
 from nebosvod.results.folder import require_sound_summary
+from nebosvod.results.outlook import answered, without_answer
 from nebosvod.results.result import require_run_folder
 
 SAME_DISTANCE = 0.01  # relative

@@ -1,22 +1,31 @@
 """summary.json of a fit: every headline number, units in the key names."""
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from nebosvod.engine.quantity import M_PER_KM
+from nebosvod.estimation import lower_factor
 from nebosvod.estimation.accuracy.formed import matrices
-from nebosvod.findings.outlook import answered, bent_words, impact_rows
-from nebosvod.fits.answer import Answer, rejected_rows, rms_arcsec, station_rows
+from nebosvod.findings.impacts import impacts_of
+from nebosvod.findings.prediction import existing
+from nebosvod.fits.answer import Answer, Ended, Rejected, StationResiduals, rejected, residuals_by_station, rms_arcsec
 from nebosvod.fits.ending import arc_words
 from nebosvod.fits.engine import OrbitFit
-from nebosvod.fits.orbit import OrbitAt, elements_block
-from nebosvod.fits.remarks import force_rows, notices, shared_rows
+from nebosvod.fits.general import General
+from nebosvod.fits.leading import Led
+from nebosvod.fits.missing_force import MissingForce
+from nebosvod.fits.orbit import ELEMENTS, KEPLERIAN, Comparison, OrbitAt
+from nebosvod.fits.remarks import UNITS, notices, told
+from nebosvod.fits.shared_errors import SharedError
+from nebosvod.fits.suggestion import entry, flow
+from nebosvod.results import prediction_rows, rows
+from nebosvod.results.outlook import bent_words
 from nebosvod.results.run_summary import estimator_row, mean_error_notes, physics
 from nebosvod.scene.recorded import beyond_tables
 from nebosvod.timescale import SECONDS_PER_DAY
+from nebosvod.units import ARCSEC
 
 Array = npt.NDArray[np.float64]
 SCHEMA_VERSION = 1
@@ -39,12 +48,12 @@ def summarise(found: Answer) -> dict[str, Any]:
         "telescopes": list(fit.material.names),
         "fit": fit_block(found),
         "orbit": None if found.orbit is None else orbit_block(found.orbit),
-        "further": [*(orbit_block(one) for one in found.further), *found.ended],
+        "further": [*(orbit_block(one) for one in found.further), *(ended(one) for one in found.ended)],
         "estimators": [row],
-        "budget": list(found.budget),
-        "impacts": impact_rows(found.predictions),
-        "predictions": list(found.predictions),
-        "reference_orbit": None if found.reference is None else dict(found.reference),
+        "budget": [rows.state_share(one) for one in found.budget],
+        "impacts": [prediction_rows.impact(one) for one in impacts_of(found.predictions)],
+        "predictions": [prediction_rows.prediction(one) for one in found.predictions],
+        "reference_orbit": None if found.reference is None else reference_orbit(found.reference),
         "physics": _physics(fit),
         "warnings": _warnings(found),
     }
@@ -82,10 +91,10 @@ def fit_block(found: Answer) -> dict[str, Any]:
         "dof": dof,
         "reduced_chi2": chi2 / dof if dof > 0 else None,
         "weights": _rules(material.rule),
-        "stations": station_rows(fit),
-        "rejected": rejected_rows(fit),
-        "shared_errors": shared_rows(fit.found, general),
-        "missing_forces": force_rows(fit.found),
+        "stations": [station(one) for one in residuals_by_station(fit)],
+        "rejected": [rejected_observation(one) for one in rejected(fit)],
+        "shared_errors": [shared_error(one, fit.found, general) for one in fit.found.errors],
+        "missing_forces": [missing_force(one) for one in fit.found.forces],
         "notices": list(
             dict.fromkeys((*material.notices, *beyond_tables(general.scene), *notices(fit.found, general)))
         ),
@@ -106,7 +115,101 @@ def orbit_block(orbit: OrbitAt) -> dict[str, Any]:
         "sigma_position_km": float(np.sqrt(variance[:3].sum())),
         "sigma_velocity_m_s": float(M_PER_KM * np.sqrt(variance[3:].sum())),
         "sigma_formal_position_km": float(np.sqrt(formal[:3].sum())),
-        "elements": elements_block(orbit),
+        "elements": elements(orbit),
+    }
+
+
+def elements(orbit: OrbitAt) -> rows.Row | None:
+    """Elements with sigmas; None where they are undefined."""
+    cometary, keplerian = orbit.cometary(), orbit.keplerian()
+    if cometary is None or keplerian is None:
+        return None
+    block: rows.Row = {"frame": "ecliptic of J2000, heliocentric"}
+    for names, (values, factor) in ((ELEMENTS, cometary), (KEPLERIAN, keplerian)):
+        sigma = np.linalg.norm(factor, axis=1)
+        block |= {name: {"value": float(v), "sigma": float(s)} for name, v, s in zip(names, values, sigma)}
+    block["names"] = list(ELEMENTS)
+    S = lower_factor(cometary[1])
+    return block | matrices(covariance=S) | {"factor": S.tolist()}
+
+
+def ended(found: Ended) -> rows.Row:
+    """An entry of `further` for an epoch at which the orbit has ended."""
+    return {"epoch_tdb": found.epoch.iso(), "status": found.status, "reason": found.reason}
+
+
+def reference_orbit(found: Comparison) -> rows.Row:
+    """The `reference_orbit` block."""
+    return {
+        "name": found.name,
+        "epoch_tdb": found.epoch.iso(),
+        "difference_km_km_s": found.difference.tolist(),
+        "difference_position_km": float(np.linalg.norm(found.difference[:3])),
+        "chi2": found.chi2,
+        "dof": found.dof,
+        "sigmas": found.sigmas.tolist(),
+        "chi2_by_reference": found.chi2_by_reference,
+        "sigma_ratio": rows.listed(found.sigma_ratio),
+    }
+
+
+def station(found: StationResiduals) -> rows.Row:
+    """One entry of `stations`."""
+    return {
+        "station": found.station,
+        "n_observations": found.n_observations,
+        "n_selected": found.n_selected,
+        **_pair("rms", found.rms_arcsec),
+        **_pair("mean", found.mean_arcsec),
+    }
+
+
+def rejected_observation(found: Rejected) -> rows.Row:
+    """One entry of `rejected`."""
+    return {
+        "utc": found.utc,
+        "station": found.station,
+        **_pair("residual", found.residual_arcsec),
+        **_pair("sigma", found.sigma_arcsec),
+        **_pair("residual_sigma", found.residual_sigma_arcsec),
+        "chi": rows.number(found.chi),
+        "file": found.file,
+        "line": found.line,
+    }
+
+
+def _pair(what: str, arcsec: Array) -> rows.Row:
+    """Numbers (2,) of RA* and Dec."""
+    return {f"{what}_{axis}_arcsec": rows.number(value) for axis, value in zip(("ra", "dec"), arcsec)}
+
+
+def shared_error(found: SharedError, led: Led, general: General) -> rows.Row:
+    """One entry of `shared_errors`."""
+    return {
+        "station": found.station,
+        "n_observations": len(found.rows),
+        "kind": found.kind,
+        "sigmas": {kind: float(value) for kind, value in found.significance.items()},
+        "sigmas_corrected": float(found.corrected),
+        "n_tests": found.tried,
+        "estimate": [float(value) for value in found.estimate],
+        "sigma": [float(value) for value in found.sigma],
+        "unit": UNITS[found.kind],
+        "rms_ra_arcsec": float(found.size_rad[0] / ARCSEC),
+        "rms_dec_arcsec": float(found.size_rad[1] / ARCSEC),
+        "told": told(found, led.material),
+        "settings": flow(entry(found, general.scene.epoch)),
+    }
+
+
+def missing_force(found: MissingForce) -> rows.Row:
+    """One entry of `missing_forces`."""
+    return {
+        "name": found.label,
+        "sigmas_before": float(found.before),
+        "sigmas_after": float(found.after),
+        "estimate_au_d2": float(found.estimate),
+        "sigma_au_d2": float(found.sigma),
     }
 
 
@@ -128,17 +231,16 @@ def _physics(fit: OrbitFit) -> dict[str, Any]:
 
 def _warnings(found: Answer) -> list[str]:
     """What a reader must know before using the numbers."""
-    said: Sequence[str] = found.fit.verdict.cautions
-    bent = [
-        f"the linear ellipse of {row['name']} misleads: {bent_words(row)}"
-        for row in answered(found.predictions)
-        if row["nonlinearity"]["misleads"]
+    bent = [(one.request.name, one.nonlinearity) for one in existing(found.predictions)]
+    misleading = [
+        f"the linear ellipse of {name} misleads: {bent_words(one.measure, one.shortest_chord_sigma)}"
+        for name, one in bent
+        if one.misleads
     ]
     unknown = [
-        f"how far the linear ellipse of {row['name']} holds is not known: {row['nonlinearity']['reason']}"
-        for row in answered(found.predictions)
-        if row["nonlinearity"]["reason"]
+        f"how far the linear ellipse of {name} holds is not known: {one.reason}" for name, one in bent if one.reason
     ]
     fit = found.fit.general.fit
-    ended = [f"no orbit at {row['epoch_tdb']}: {row['reason']}" for row in found.ended]
-    return [*said, *found.cautions, *ended, *bent, *unknown, *fit.estimate.notes, *mean_error_notes(fit)]
+    over = [f"no orbit at {one.epoch.iso()}: {one.reason}" for one in found.ended]
+    cautions = (*found.fit.verdict.cautions, *found.cautions)
+    return [*cautions, *over, *misleading, *unknown, *fit.estimate.notes, *mean_error_notes(fit)]

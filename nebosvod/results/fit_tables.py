@@ -7,9 +7,10 @@ import numpy as np
 import numpy.typing as npt
 
 from nebosvod.estimation.accuracy.formed import formed
-from nebosvod.findings.blame import REMEDIES
-from nebosvod.fits.answer import Answer, station_rows
+from nebosvod.findings.blame import StateShare
+from nebosvod.fits.answer import Answer, residuals_by_station
 from nebosvod.fits.orbit import ELEMENTS, OrbitAt
+from nebosvod.results.fit_summary import station
 from nebosvod.results.orbit_arrays import orbit_arrays
 from nebosvod.results.result import Table
 from nebosvod.results.run_summary import estimator_row
@@ -22,7 +23,10 @@ Arrays = dict[str, npt.NDArray[Any]]
 
 def all_tables(found: Answer) -> dict[str, Table]:
     """Residuals by record, stations, states at the epochs asked for, the budget."""
-    tables = {"residuals": residuals(found), "stations": _rows(station_rows(found.fit), "Residuals by station")}
+    tables = {
+        "residuals": residuals(found),
+        "stations": _rows([station(one) for one in residuals_by_station(found.fit)], "Residuals by station"),
+    }
     orbits = [one for one in (found.amid, found.orbit, *found.further) if one is not None]
     if orbits:
         tables["orbit"] = orbit_table(orbits)
@@ -33,17 +37,25 @@ def all_tables(found: Answer) -> dict[str, Table]:
             "Numbers beside the state before and after the fit, units in the names; sigma of what is only considered",
         )
     if found.budget:
-        keys = ("source", "sigma_position_km", "sigma_velocity_m_s", "share_position", "share_velocity")
         tables["budget"] = _rows(
-            [
-                {key: row[key] for key in keys}
-                | {f"sigma_position_km_{then}": row[then]["sigma_position_km_same_gain"] for then in REMEDIES}
-                for row in found.budget
-            ],
+            [_flat_budget(one) for one in found.budget],
             "What each source contributes to the state at the epoch of the fit; squares of the sigmas add up; what the "
             "position sigma would be if its error vanished (a prior: known exactly) or halved and the weights stayed",
         )
     return tables
+
+
+def _flat_budget(share: StateShare) -> dict[str, Any]:
+    """One source of the state's budget as scalars."""
+    return {
+        "source": share.source,
+        "sigma_position_km": share.sigma.position_km,
+        "sigma_velocity_m_s": share.sigma.velocity_m_s,
+        "share_position": share.share_position,
+        "share_velocity": share.share_velocity,
+        "sigma_position_km_if_vanished": share.remedies.if_vanished.same_gain.position_km,
+        "sigma_position_km_if_halved": share.remedies.if_halved.same_gain.position_km,
+    }
 
 
 def residuals(found: Answer) -> Table:

@@ -11,8 +11,8 @@ import numpy.typing as npt
 from nebosvod.borders.shape import require_shape, schema_file
 from nebosvod.borders.stored import read_arrays, read_object, require_version
 from nebosvod.errors import InputError
-from nebosvod.findings.outlook import answered, impact_sentences, unanswered_sentences
 from nebosvod.mission.slugs import array_name
+from nebosvod.results.outlook import answered, impact_sentences, unanswered_sentences
 from nebosvod.timescale import Epoch
 
 Array = npt.NDArray[np.float64]

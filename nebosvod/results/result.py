@@ -22,8 +22,8 @@ import numpy.typing as npt
 from nebosvod.borders.stored import held_together, read_arrays, read_object
 from nebosvod.borders.wholefile import reason, refuse_link, require_place, write_whole
 from nebosvod.errors import InputError, OutputError, listed
-from nebosvod.findings.outlook import without_answer
 from nebosvod.results.lock import Lock
+from nebosvod.results.outlook import without_answer
 from nebosvod.results.ownership import OURS, RECORD, Ownership, changed_said, hashes_of, marked, ownership, sha256_of
 from nebosvod.results.publication import discard, new_stage, publish, recover
 from nebosvod.results.recognise import not_a_run, read_json

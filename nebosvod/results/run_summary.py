@@ -1,6 +1,6 @@
 """summary.json: every headline number of a run, units in the key names."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -9,14 +9,18 @@ import numpy.typing as npt
 from nebosvod.dynamics.constants import SOLAR_IRRADIANCE_W_M2
 from nebosvod.engine.assembly import nuisance_treatment
 from nebosvod.engine.fitting import Fit
+from nebosvod.engine.montecarlo import Consistency
 from nebosvod.engine.quantity import M_PER_KM, SIGMAS
 from nebosvod.estimation.accuracy import ellipse
 from nebosvod.estimation.accuracy.formed import matrices
 from nebosvod.estimation.problem.square_root import lower_factor
 from nebosvod.findings.assessment import Findings
 from nebosvod.findings.blame import LARGE
-from nebosvod.findings.outlook import answered, bent_words, impact_rows
+from nebosvod.findings.impacts import impacts_of
+from nebosvod.findings.prediction import existing
 from nebosvod.observation.earth.sites import GroundSite
+from nebosvod.results import prediction_rows, rows
+from nebosvod.results.outlook import bent_words
 from nebosvod.scene.prior import STATE_NAMES, PriorTable
 from nebosvod.scene.scene import Scene
 from nebosvod.timescale import SECONDS_PER_DAY
@@ -31,8 +35,9 @@ def summarise(
     priors: PriorTable,
     fits: Sequence[Fit],
     findings: Findings,
+    trials: Mapping[str, Consistency],
 ) -> dict[str, Any]:
-    """Build the summary of a run."""
+    """Build the summary of a run; `trials` : what Monte Carlo says of each estimator, empty without."""
     mission = scene.mission
     return {
         "schema_version": SCHEMA_VERSION,
@@ -48,13 +53,14 @@ def summarise(
         "physics": physics(scene),
         "assumptions": _assumptions(scene),
         "estimators": [estimator_row(scene, priors, fit) for fit in fits],
-        "budget": findings.budget,
-        "noise_to_nuisance": findings.noise_to_nuisance,
-        "impacts": impact_rows(findings.predictions),
-        "predictions": findings.predictions,
-        "curves": findings.curves,
-        "accuracy_comparison": findings.accuracy_comparison,
+        "budget": [rows.state_share(one) for one in findings.budget],
+        "noise_to_nuisance": rows.noise_to_nuisance(findings.noise_to_nuisance, findings.required),
+        "impacts": [prediction_rows.impact(one) for one in impacts_of(findings.predictions)],
+        "predictions": [prediction_rows.prediction(one) for one in findings.predictions],
+        "curves": [rows.curve(one) for one in findings.curves],
+        "accuracy_comparison": rows.accuracy_comparison(findings.accuracies),
         "warnings": [*_unknown_prior(priors), *_warnings(scene, fits, findings)],
+        **rows.consistency_block(trials),
     }
 
 
@@ -86,7 +92,7 @@ def estimator_row(scene: Scene, priors: PriorTable, fit: Fit) -> dict[str, Any]:
         "message": fit.message,
         "iterations": fit.iterations,
         "dof": estimate.dof,
-        "condition_number": _finite(estimate.condition_number),
+        "condition_number": rows.number(estimate.condition_number),
         "n_estimated": len(estimate.names),
         "rank": estimate.rank,
         "weak_direction": {} if estimate.solution is not None else dict(estimate.weak_direction),
@@ -139,20 +145,20 @@ def _sigmas(prefix: str, covariance: Array) -> dict[str, float]:
 def _parameters(scene: Scene, priors: PriorTable, fit: Fit) -> dict[str, dict[str, float | None]]:
     """Prior and posterior sigma and value of everything beside the state; units of nuisances in the key names."""
     values = fit.point.values
-    rows: dict[str, dict[str, float | None]] = {}
+    found: dict[str, dict[str, float | None]] = {}
     units = {name: _unit(scene, term.name, name) for term in fit.seen.terms for name in term.names}
     for name in (*fit.estimate.names, *fit.estimate.left_out):
         if name in STATE_NAMES:
             continue
         before = fit.prior_sigmas.get(name, priors.sigma(name))
         unit, scale = units.get(name, ("", 1.0))
-        rows[f"{name}_{unit}" if unit else name] = {
+        found[f"{name}_{unit}" if unit else name] = {
             "prior_sigma": None if before is None else before * scale,
             "sigma": fit.estimate.sigma(name) * scale,
             "estimate": values[name] * scale,
             "mean_error": float(fit.estimate.mean_shift(fit.mean_errors, (name,))[0]) * scale,
         }
-    return rows
+    return found
 
 
 def _unit(scene: Scene, source: str, name: str) -> tuple[str, float]:
@@ -216,12 +222,13 @@ def _warnings(scene: Scene, fits: Sequence[Fit], findings: Findings) -> list[str
             f"more than {LARGE:,} measurements: re-optimised remedies, required positions, curves and the worst "
             "correlation are left out"
         )
-    for row in answered(findings.predictions):
-        if row["nonlinearity"]["misleads"]:
-            said.append(f"{row['estimator']}: the linear ellipse of {row['name']} misleads: {bent_words(row)}")
-        drawn = row.get("monte_carlo") or {}
-        if drawn.get("misleads"):
-            said.append(f"{row['estimator']}: {row['name']}, by orbits drawn and propagated: {drawn['statement']}")
+    for row in existing(findings.predictions):
+        name, bent, cloud = row.request.name, row.nonlinearity, None if row.drawn is None else row.drawn.cloud
+        if bent.misleads:
+            words = bent_words(bent.measure, bent.shortest_chord_sigma)
+            said.append(f"{row.estimator}: the linear ellipse of {name} misleads: {words}")
+        if cloud is not None and cloud.against.misleads:
+            said.append(f"{row.estimator}: {name}, by orbits drawn and propagated: {cloud.statement}")
     for telescope, seen in zip(scene.telescopes, scene.visibilities):
         if isinstance(telescope.spacecraft, GroundSite):
             said += [f"{telescope.name}: {text}" for text in telescope.spacecraft.notices(scene.epoch, seen.t_s)]
@@ -260,8 +267,3 @@ def mean_error_notes(fit: Fit) -> list[str]:
         f"{', '.join(behind)} left out, with a mean error: the estimate is off on average by ({x:.3g}, {y:.3g}, "
         f"{z:.3g}) km from the truth at the reference epoch; sigmas are about this mean, largest deviations hold it"
     ]
-
-
-def _finite(value: float) -> float | None:
-    """The number, or null where it is infinite or undefined."""
-    return float(value) if np.isfinite(value) else None

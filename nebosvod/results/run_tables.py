@@ -8,10 +8,11 @@ import numpy.typing as npt
 
 from nebosvod.engine.fitting import Fit
 from nebosvod.findings.assessment import Findings
-from nebosvod.findings.blame import REMEDIES, UNKNOWN
-from nebosvod.findings.outlook import answered
+from nebosvod.findings.blame import REMEDIES, UNKNOWN, QuantitySigmas, StateShare
+from nebosvod.findings.prediction import Answered, existing
 from nebosvod.mission.slugs import array_name
 from nebosvod.observation import Common, residual
+from nebosvod.results import rows
 from nebosvod.results.orbit_arrays import orbit_arrays
 from nebosvod.results.result import Table
 from nebosvod.scene.point import View
@@ -96,7 +97,7 @@ def all_tables(scene: Scene, nominal: View, fits: Sequence[Fit], psi: Array, fin
     }
     if found:
         tables["budget"] = _rows_table(
-            [_flat_budget(row) for row in findings.budget],
+            [_flat_budget(share) for share in findings.budget],
             BUDGET_UNITS,
             "What each source contributes to the state at the reference epoch, squares of the sigmas add up; and the "
             "sigma if it vanished or halved, with the gain as it is and re-optimised",
@@ -104,11 +105,13 @@ def all_tables(scene: Scene, nominal: View, fits: Sequence[Fit], psi: Array, fin
     for one in found:
         if one.history is not None:
             tables[f"sigma_history_{array_name(one.estimator.name)}"] = _history(one)
-    rows = [_flat(row) for row in answered(findings.predictions)]
-    if rows:
-        tables["predictions"] = _rows_table(rows, {}, "Predicted quantities, one component a row, 1 sigma")
+    predictions = existing(findings.predictions)
+    if predictions:
+        tables["predictions"] = _rows_table(
+            [_flat(one) for one in predictions], {}, "Predicted quantities, one component a row, 1 sigma"
+        )
         tables["prediction_budget"] = _rows_table(
-            [line for row in answered(findings.predictions) for line in _flat_sources(row)],
+            [line for one in predictions for line in _flat_sources(one)],
             {},
             "What each source contributes to each component of a prediction, and the sigma if its error vanished (of a "
             "prior: known exactly) or halved, or if a prior were missing (unknown)",
@@ -197,19 +200,24 @@ def _history(one: Fit) -> Table:
     return Table(columns=columns, units={"t": "s"}, description="1 sigma of each estimated parameter so far")
 
 
-def _flat(row: Mapping[str, Any]) -> dict[str, Any]:
+def _flat(found: Answered) -> dict[str, Any]:
     """The scalar facts of a prediction, and its sigmas as text in one unit."""
-    unit = next(key.removeprefix("semi_axes_") for key in row if key.startswith("semi_axes_"))
+    asked = found.quantity
     return {
-        "name": row["name"],
-        "estimator": row["estimator"],
-        "plane": row["plane"],
-        "epoch_tdb": row["epoch_tdb"],
-        "unit": unit,
-        "semi_axes": " ".join(f"{value:.9g}" for value in row[f"semi_axes_{unit}"]),
-        "sigma": " ".join(f"{value:.9g}" for value in row[f"sigma_{unit}"]),
-        "sigma_formal": " ".join(f"{value:.9g}" for value in row[f"sigma_formal_{unit}"]),
+        "name": asked.request.name,
+        "estimator": found.estimator,
+        "plane": asked.request.plane,
+        "epoch_tdb": asked.epoch.iso(),
+        "unit": asked.unit,
+        "semi_axes": _text(found.semi_axes),
+        "sigma": _text(found.sigma),
+        "sigma_formal": _text(found.sigma_formal),
     }
+
+
+def _text(values: Array) -> str:
+    """Numbers (d,) in one cell."""
+    return " ".join(f"{value:.9g}" for value in values)
 
 
 BUDGET_UNITS = {
@@ -223,37 +231,50 @@ BUDGET_UNITS = {
 }
 
 
-def _flat_budget(row: Mapping[str, Any]) -> dict[str, Any]:
+def _flat_budget(share: StateShare) -> dict[str, Any]:
     """One source of the state's budget as scalars."""
+    row = rows.state_share(share)
     plain = ("estimator", "source", "sigma_position_km", "sigma_velocity_m_s", "share_position", "share_velocity")
     flat = {key: row[key] for key in plain}
-    for remedy in REMEDIES:
-        flat |= {f"{remedy}_{key}": np.nan if value is None else value for key, value in row[remedy].items()}
-    for key in ("sigma_position_km_new_gain", "sigma_velocity_m_s_new_gain"):
-        value = (row[UNKNOWN] or {}).get(key)
-        flat[f"{UNKNOWN}_{key}"] = np.nan if value is None else value
+    unknown = dict.fromkeys(("sigma_position_km_new_gain", "sigma_velocity_m_s_new_gain"))
+    for remedy in (*REMEDIES, UNKNOWN):
+        values = unknown if row[remedy] is None else row[remedy]
+        flat |= {f"{remedy}_{key}": np.nan if value is None else value for key, value in values.items()}
     return flat
 
 
-def _flat_sources(row: Mapping[str, Any]) -> list[dict[str, Any]]:
+def _flat_sources(found: Answered) -> list[dict[str, Any]]:
     """The budget of one prediction, a line for each source and component."""
-    unit = next(key.removeprefix("semi_axes_") for key in row if key.startswith("semi_axes_"))
+    asked = found.quantity
     lines = []
-    for source in row["budget"]:
-        for k, share in enumerate(source["share"]):
-            line = {"name": row["name"], "estimator": row["estimator"], "source": source["source"], "component": k}
-            line |= {"unit": unit, "share": share, "sigma": source[f"sigma_{unit}"][k]}
-            for remedy in REMEDIES:
-                for gain in ("same", "new"):
-                    values = source[remedy][f"sigma_{unit}_{gain}_gain"]
-                    line[f"{remedy}_{gain}_gain"] = np.nan if values is None else values[k]
-            values = (source[UNKNOWN] or {}).get(f"sigma_{unit}_new_gain")
-            line[f"{UNKNOWN}_new_gain"] = np.nan if values is None else values[k]
-            lines.append(line)
+    for share in found.budget:
+        vanished, halved, unknown = share.remedies.if_vanished, share.remedies.if_halved, share.remedies.if_unknown
+        for k in range(len(share.share)):
+            lines.append(
+                {
+                    "name": asked.request.name,
+                    "estimator": found.estimator,
+                    "source": share.source,
+                    "component": k,
+                    "unit": asked.unit,
+                    "share": share.share[k],
+                    "sigma": share.sigma.each[k],
+                    "if_vanished_same_gain": vanished.same_gain.each[k],
+                    "if_vanished_new_gain": _component(vanished.new_gain, k),
+                    "if_halved_same_gain": halved.same_gain.each[k],
+                    "if_halved_new_gain": _component(halved.new_gain, k),
+                    "if_unknown_new_gain": np.nan if unknown is None else _component(unknown.new_gain, k),
+                }
+            )
     return lines
 
 
-def _rows_table(rows: Sequence[Mapping[str, Any]], units: Mapping[str, str], description: str) -> Table:
+def _component(sigma: QuantitySigmas | None, k: int) -> float:
+    """One component; nan where that world could not be solved."""
+    return np.nan if sigma is None else float(sigma.each[k])
+
+
+def _rows_table(lines: Sequence[Mapping[str, Any]], units: Mapping[str, str], description: str) -> Table:
     """A table from rows with the same keys."""
-    columns = {name: np.array([row[name] for row in rows]) for name in rows[0]}
+    columns = {name: np.array([line[name] for line in lines]) for name in lines[0]}
     return Table(columns=columns, units=units, description=description)

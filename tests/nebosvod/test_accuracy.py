@@ -12,8 +12,9 @@ from nebosvod.engine.montecarlo import repeat
 from nebosvod.engine.quantity import Quantity, known_partials, quantity
 from nebosvod.estimation.accuracy import guaranteed
 from nebosvod.estimation.problem.sources import measurement_gain
-from nebosvod.findings.comparison import boxed, comparison, statement, thinned, worst_sigmas
+from nebosvod.findings.comparison import Accuracies, boxed, comparison, statement, thinned, worst_sigmas
 from nebosvod.findings.foretold import Foretold
+from nebosvod.findings.prediction import existing
 from nebosvod.mission import Mission, load_mission_text
 from nebosvod.scene.point import View
 from nebosvod.scene.prior import PriorTable
@@ -34,16 +35,16 @@ def test_the_five_stand_in_order_and_monte_carlo_confirms_the_extended(minimal_s
     _, priors, nominal = minimal_setting
     sample = repeat(scene, one.estimator, nominal, priors, 400, 3)
     name = one.estimator.name
-    rows = comparison(scene, [one], {name: asked}, {name: sample})["rows"]
+    rows = comparison(scene, [one], {name: asked}, {name: sample})
     assert len(rows) == 3
     for row in rows:
-        assert row["formal"] == pytest.approx(row["extended"], rel=1e-9)
-        assert row["extended"] <= row["worst_correlation"] <= row["worst_any_correlation"]
-        assert row["guaranteed"] > 3.0 * row["extended"]  # the box holds every 3-sigma error of each source alone
-        low, high = row["monte_carlo_interval_99"]
-        assert low < row["extended"] < high
-        assert high - low < 0.25 * row["extended"]  # 400 runs: +- 2.58 / sqrt(800) of the sigma
-        assert "Monte Carlo confirms" in row["statement"]
+        assert row.formal == pytest.approx(row.extended, rel=1e-9)
+        assert row.extended <= row.worst_correlation <= row.worst_any_correlation
+        assert row.guaranteed > 3.0 * row.extended  # the box holds every 3-sigma error of each source alone
+        low, high = row.monte_carlo_interval_99
+        assert low < row.extended < high
+        assert high - low < 0.25 * row.extended  # 400 runs: +- 2.58 / sqrt(800) of the sigma
+        assert "Monte Carlo confirms" in row.statement
 
 
 def test_an_ignored_bias_makes_the_estimator_optimistic_and_is_named(
@@ -51,12 +52,12 @@ def test_an_ignored_bias_makes_the_estimator_optimistic_and_is_named(
 ) -> None:
     text = minimal_text + "estimators: [{name: blind, method: batch_qr, treatment: {bias: ignored}}]\n"
     scene, one, asked = solved(make_setting(load_mission_text(text)))
-    rows = comparison(scene, [one], {"blind": asked}, {})["rows"]
-    worst = max(rows, key=lambda row: row["extended"] / row["formal"])
-    assert worst["extended"] > 1.5 * worst["formal"]
-    assert "times too small, which leaves bias" in worst["statement"]
-    assert worst["monte_carlo"] is None
-    assert "no monte_carlo" in worst["monte_carlo_reason"]
+    rows = comparison(scene, [one], {"blind": asked}, {})
+    worst = max(rows, key=lambda row: row.extended / row.formal)
+    assert worst.extended > 1.5 * worst.formal
+    assert "times too small, which leaves bias" in worst.statement
+    assert worst.monte_carlo is None
+    assert "no monte_carlo" in worst.monte_carlo_reason
 
 
 def test_no_correlation_of_the_family_is_worse_than_the_worst(minimal_setting: Setting) -> None:
@@ -124,20 +125,24 @@ def test_monte_carlo_holds_the_errors_of_parameters_left_out(
     sample = repeat(scene, one.estimator, setting[2], setting[1], 400, 0)
     W, names = known_partials(asked[0], one.estimate)
     ahead = np.abs(W[:, names.index("radius_m")]) * np.linalg.norm(one.estimate.factor(["radius_m"]))
-    rows = comparison(scene, [one], {"part": asked}, {"part": sample})["rows"]
-    assert max(part / row["extended"] for part, row in zip(ahead, rows)) > 0.5
+    rows = comparison(scene, [one], {"part": asked}, {"part": sample})
+    assert max(part / row.extended for part, row in zip(ahead, rows)) > 0.5
     for row in rows:
-        low, high = row["monte_carlo_interval_99"]
-        assert low < row["extended"] < high
+        low, high = row.monte_carlo_interval_99
+        assert low < row.extended < high
 
 
 def test_a_statement_tells_optimism_pessimism_and_contradiction() -> None:
-    row = {"formal": 1.0, "extended": 2.0, "worst_correlation": 2.0, "guaranteed": None, "monte_carlo": None}
+    row = Accuracies(
+        estimator="batch", prediction="there", component=0, unit="km", formal=1.0, extended=2.0, mean_error=0.0,
+        worst_correlation=2.0, worst_any_correlation=None, guaranteed=None, guaranteed_measurements=0,
+        guaranteed_reason=None, monte_carlo=None, monte_carlo_interval_99=None, monte_carlo_reason=None,
+    )  # fmt: skip
     assert statement(row, "bias A") == (
         "The estimator's own sigma is 2 times too small, which leaves bias A out of its weights."
     )
-    assert "2 times too large" in statement(row | {"formal": 4.0}, None)
-    drawn = row | {"formal": 2.0, "monte_carlo": 3.0, "monte_carlo_interval_99": [2.5, 3.5]}
+    assert "2 times too large" in statement(replace(row, formal=4.0), None)
+    drawn = replace(row, formal=2.0, monte_carlo=3.0, monte_carlo_interval_99=(2.5, 3.5))
     assert statement(drawn, None) == "Formal and extended accuracy agree. Monte Carlo contradicts the extended sigma."
 
 
@@ -145,9 +150,9 @@ def test_a_comparison_of_one_estimator_does_not_depend_on_the_residuals(minimal_
     scene, one, asked = solved(minimal_setting)
     name = one.estimator.name
     moved = replace(one, problem=replace(one.problem, residual=one.problem.residual + 1e-6))
-    first, second = (comparison(scene, [f], {name: asked}, {})["rows"] for f in (one, moved))
+    first, second = (comparison(scene, [f], {name: asked}, {}) for f in (one, moved))
     for a, b in zip(first, second):
-        assert a["guaranteed"] == pytest.approx(b["guaranteed"], rel=1e-9)
+        assert a.guaranteed == pytest.approx(b.guaranteed, rel=1e-9)
 
 
 def test_a_large_problem_is_spared_the_searches(minimal_setting: Setting, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -157,14 +162,14 @@ def test_a_large_problem_is_spared_the_searches(minimal_setting: Setting, monkey
     monkeypatch.setattr(blame, "LARGE", 10)
     scene, one, asked = solved(minimal_setting)
     found = assess(scene, [one], {one.estimator.name: Foretold(asked, [])}, {})
-    assert found.curves == []
-    assert found.noise_to_nuisance["required_position"] == []
-    row = found.accuracy_comparison["rows"][0]
-    assert row["worst_correlation"] is None
-    assert row["guaranteed"] > row["extended"]
-    remedy = found.predictions[0]["budget"][0]["if_halved"]
-    assert remedy["sigma_total_km_new_gain"] is None
-    assert remedy["sigma_total_km_same_gain"] > 0.0
+    assert found.curves == ()
+    assert found.required == ()
+    row = found.accuracies[0]
+    assert row.worst_correlation is None
+    assert row.guaranteed > row.extended
+    remedy = existing(found.predictions)[0].budget[0].remedies.if_halved
+    assert remedy.new_gain is None
+    assert remedy.same_gain.total > 0.0
 
 
 def test_the_ratio_block_has_means_limits_and_critical_sizes_by_telescope(minimal_setting: Setting) -> None:
@@ -174,13 +179,13 @@ def test_the_ratio_block_has_means_limits_and_critical_sizes_by_telescope(minima
     scene, one, asked = solved(minimal_setting)
     block = assess(scene, [one], {one.estimator.name: Foretold(asked, [])}, {}).noise_to_nuisance
     critical = one.observation.distance_km * 0.1 * np.pi / 648000.0
-    np.testing.assert_allclose(block["sigma_z_critical_km"], critical, rtol=1e-4)  # V / c in the partials
-    for number, row in enumerate(block["by_telescope"]):
+    np.testing.assert_allclose(block.critical_km, critical, rtol=1e-4)  # V / c in the partials
+    for number, row in enumerate(block.by_telescope):
         mine = critical[one.observation.telescope_index == number]
-        assert row["n_observations"] == mine.size
-        assert row["sigma_z_critical_median_km"] == pytest.approx(np.median(mine), rel=1e-4)
-        assert row["sigma_z_limit_km"]["20_dB"] == pytest.approx(np.median(mine) / 10.0, rel=1e-4)
-        assert row["eta_effective_db_mean"] < row["eta_db_mean"]
+        assert row.n_observations == mine.size
+        assert row.critical_median_km == pytest.approx(np.median(mine), rel=1e-4)
+        assert row.means.sigma_z_limits_km[20.0] == pytest.approx(np.median(mine) / 10.0, rel=1e-4)
+        assert row.means.effective_db < row.means.eta_db
 
 
 RHYTHM = """schema_version: 1
@@ -215,7 +220,7 @@ def test_the_worst_correlation_finds_the_rhythm_of_a_day_and_of_an_orbit(
 ) -> None:
     text = RHYTHM.format(orbit=orbit, end=f"{end}T00:00:00", cadence=cadence)
     scene, one, asked = solved(make_setting(load_mission_text(text)))
-    rows = comparison(scene, [one], {one.estimator.name: asked}, {})["rows"]
-    found = {(row["prediction"], row["component"]): row["worst_correlation"] for row in rows}
+    rows = comparison(scene, [one], {one.estimator.name: asked}, {})
+    found = {(row.prediction, row.component): row.worst_correlation for row in rows}
     for which, sigma_km in wanted.items():
         assert found[which] == pytest.approx(sigma_km, rel=3e-3)

@@ -11,7 +11,7 @@ from nebosvod.cli import main
 from nebosvod.engine.assembly import computed_psi
 from nebosvod.engine.fitting import Fit, fit
 from nebosvod.engine.quantity import Quantity, known_partials, quantity
-from nebosvod.findings.blame import Worlds, prediction_rows, state_rows
+from nebosvod.findings.blame import Worlds, quantity_shares, state_shares
 from nebosvod.findings.required import required
 from nebosvod.mission import Mission, load_mission_text
 from nebosvod.scene.point import View
@@ -61,10 +61,10 @@ def test_a_remedy_with_a_new_gain_is_the_mission_that_says_it(
     make_setting: MakeSetting, minimal_setting: Setting, minimal_text: str, source: str, remedy: str, own: str
 ) -> None:
     scene, one, asked = solved(minimal_setting)
-    row = next(r for r in prediction_rows(scene, Worlds.of(one), asked[0]) if r["source"] == source)
+    row = next(r for r in quantity_shares(scene, Worlds.of(one), asked[0]) if r.source == source)
     wanted = total_sigma(make_setting, changed(minimal_text, BEHIND, f"{BEHIND}, {own}"))
-    assert row[remedy]["sigma_total_km_new_gain"] == pytest.approx(wanted, rel=1e-5)
-    assert row["telescopes"] == ["behind"]
+    assert getattr(row.remedies, remedy).new_gain.total == pytest.approx(wanted, rel=1e-5)
+    assert row.telescopes == ("behind",)
 
 
 PRIOR = "prior: {sigma: {position: SIZE km, velocity: RATE m/s}}\n"
@@ -76,24 +76,22 @@ def test_a_prior_known_exactly_and_one_that_is_missing_are_the_missions_that_say
     """Orbit: P0 -> 0 and no prior. Of noise nothing is known beforehand that could be missing."""
     said = PRIOR.replace("SIZE", "30").replace("RATE", "0.01")
     scene, one, asked = solved(make_setting(load_mission_text(minimal_text + said)))
-    rows = {row["source"]: row for row in prediction_rows(scene, Worlds.of(one), asked[0])}
+    rows = {row.source: row.remedies for row in quantity_shares(scene, Worlds.of(one), asked[0])}
     exact = total_sigma(make_setting, minimal_text + PRIOR.replace("SIZE", "1e-6").replace("RATE", "1e-9"))
     found = rows["prior orbit"]
-    assert found["if_vanished"]["sigma_total_km_new_gain"] == pytest.approx(exact, rel=1e-3)
-    assert found["if_unknown"]["sigma_total_km_new_gain"] == pytest.approx(
-        total_sigma(make_setting, minimal_text), rel=1e-4
-    )
+    assert found.if_vanished.new_gain.total == pytest.approx(exact, rel=1e-3)
+    assert found.if_unknown.new_gain.total == pytest.approx(total_sigma(make_setting, minimal_text), rel=1e-4)
     free = changed(minimal_text, BEHIND, f"{BEHIND}, bias: null, timing: null")
     free = changed(
         free, "predictions:", "shared: [{name: b, telescopes: [behind], bias: {treatment: estimated}}]\npredictions:"
     )
-    assert rows["bias behind"]["if_unknown"]["sigma_total_km_new_gain"] == pytest.approx(
+    assert rows["bias behind"].if_unknown.new_gain.total == pytest.approx(
         total_sigma(make_setting, free + said), rel=1e-4
     )
-    assert rows["measurement noise ahead"]["if_unknown"] is None
-    assert rows["telescope position ahead"]["if_unknown"] is None
-    state = {row["source"]: row for row in state_rows(scene, one, Worlds.of(one))}
-    km = state["prior orbit"]["if_unknown"]["sigma_position_km_new_gain"]
+    assert rows["measurement noise ahead"].if_unknown is None
+    assert rows["telescope position ahead"].if_unknown is None
+    state = {row.source: row.remedies for row in state_shares(scene, one, Worlds.of(one))}
+    km = state["prior orbit"].if_unknown.new_gain.position_km
     _, without, _ = solved(make_setting(load_mission_text(minimal_text)))
     assert km == pytest.approx(np.sqrt(np.trace(without.estimate.covariance(("x_km", "y_km", "z_km")))), rel=1e-4)
 
@@ -103,9 +101,9 @@ def test_a_prior_that_only_considered_parameters_have_is_never_missing(
 ) -> None:
     text = minimal_text.replace("sigma: 2 m, treatment: estimated", "sigma: 2 m, treatment: considered")
     scene, one, asked = solved(make_setting(load_mission_text(text)))
-    rows = {row["source"]: row for row in prediction_rows(scene, Worlds.of(one), asked[0])}
-    assert rows["radius"]["if_unknown"] is None
-    assert rows["mass"]["if_unknown"] is not None
+    rows = {row.source: row.remedies for row in quantity_shares(scene, Worlds.of(one), asked[0])}
+    assert rows["radius"].if_unknown is None
+    assert rows["mass"].if_unknown is not None
 
 
 def test_a_missing_orbit_costs_the_same_whatever_the_epoch_of_its_prior(
@@ -115,9 +113,10 @@ def test_a_missing_orbit_costs_the_same_whatever_the_epoch_of_its_prior(
     rows = ", ".join(str([v if i == j else 0 for j in range(6)]) for i, v in enumerate([900.0] * 3 + [1e-10] * 3))
     said = f"prior: {{names: [x, y, z, vx, vy, vz], epoch: 2028-02-20 TDB, frame: icrf, covariance: [{rows}]}}\n"
     scene, one, asked = solved(make_setting(load_mission_text(minimal_text + said)))
-    rows_found = {row["source"]: row for row in prediction_rows(scene, Worlds.of(one), asked[0])}
-    found = rows_found["prior orbit and parameters"]["if_unknown"]["sigma_total_km_new_gain"]
-    assert found == pytest.approx(total_sigma(make_setting, minimal_text), rel=1e-4)
+    shares = {row.source: row.remedies for row in quantity_shares(scene, Worlds.of(one), asked[0])}
+    assert shares["prior orbit and parameters"].if_unknown.new_gain.total == pytest.approx(
+        total_sigma(make_setting, minimal_text), rel=1e-4
+    )
 
 
 def test_the_run_of_the_source_says_both_of_its_prior_orbit(neb_text: str, tmp_path: Path) -> None:
@@ -140,30 +139,31 @@ def test_with_the_gain_as_it_is_a_remedy_takes_its_share_of_the_variance(minimal
     scene, one, asked = solved(minimal_setting)
     worlds = Worlds.of(one)
     found = one.estimate.predict(*known_partials(asked[0], one.estimate))
-    rows = prediction_rows(scene, worlds, asked[0])
-    assert sum(row["share_total"] for row in rows) == pytest.approx(1.0, rel=1e-12)
-    assert [row["share_total"] for row in rows] == sorted((row["share_total"] for row in rows), reverse=True)
+    rows = quantity_shares(scene, worlds, asked[0])
+    assert sum(row.share_total for row in rows) == pytest.approx(1.0, rel=1e-12)
+    assert [row.share_total for row in rows] == sorted((row.share_total for row in rows), reverse=True)
     for row in rows:
-        part = np.diag(found.shares[row["source"]])
-        for remedy, lost in (("if_vanished", 1.0), ("if_halved", 0.75)):
+        part = np.diag(found.shares[row.source])
+        for remedy, lost in ((row.remedies.if_vanished, 1.0), (row.remedies.if_halved, 0.75)):
             wanted = np.sqrt(np.diag(found.covariance) - lost * part)
-            np.testing.assert_allclose(row[remedy]["sigma_km_same_gain"], wanted, rtol=1e-9)
-            assert row[remedy]["sigma_total_km_new_gain"] <= row[remedy]["sigma_total_km_same_gain"] * (1 + 1e-9)
+            np.testing.assert_allclose(remedy.same_gain.each, wanted, rtol=1e-9)
+            assert remedy.new_gain is not None
+            assert remedy.new_gain.total <= remedy.same_gain.total * (1 + 1e-9)
 
 
 def test_the_budget_of_the_state_adds_up_and_knows_its_telescopes(minimal_setting: Setting) -> None:
     scene, one, _ = solved(minimal_setting)
-    rows = state_rows(scene, one, Worlds.of(one))
-    for key in ("share_position", "share_velocity"):
-        assert sum(row[key] for row in rows) == pytest.approx(1.0, rel=1e-12)
-    for name in rows[0]["share_parameters"]:
-        assert sum(row["share_parameters"][name] for row in rows) == pytest.approx(1.0, rel=1e-9)
-    behind = {row["source"]: row["telescopes"] for row in rows}
-    assert behind["radius"] == []
-    assert behind["measurement noise ahead"] == ["ahead"]
+    rows = state_shares(scene, one, Worlds.of(one))
+    assert sum(row.share_position for row in rows) == pytest.approx(1.0, rel=1e-12)
+    assert sum(row.share_velocity for row in rows) == pytest.approx(1.0, rel=1e-12)
+    for name in rows[0].share_parameters:
+        assert sum(row.share_parameters[name] for row in rows) == pytest.approx(1.0, rel=1e-9)
+    behind = {row.source: row.telescopes for row in rows}
+    assert behind["radius"] == ()
+    assert behind["measurement noise ahead"] == ("ahead",)
     total = float(np.sqrt(np.trace(one.estimate.covariance(("x_km", "y_km", "z_km")))))
     for row in rows:
-        assert row["if_vanished"]["sigma_position_km_same_gain"] <= total
+        assert row.remedies.if_vanished.same_gain.position_km <= total
 
 
 @pytest.mark.parametrize("index", [0, 1, 2])
@@ -171,30 +171,32 @@ def test_a_telescope_known_as_well_as_required_costs_just_the_growth_stated(
     make_setting: MakeSetting, minimal_setting: Setting, minimal_text: str, index: int
 ) -> None:
     scene, one, asked = solved(minimal_setting)
-    row = next(r for r in required(scene, one, asked) if r["telescope"] == "behind")
-    limit = row["limits"][index]
-    if limit["sigma_position_new_gain_km"] is None:
-        assert "no size does it" in limit["reason"]
+    row = next(r for r in required(scene, one, asked) if r.position.telescope == "behind")
+    limit = row.limits[index]
+    if limit.new_gain_km is None:
+        assert "no size does it" in str(limit.reason)
         return
-    own = f"position: {{sigma: {limit['sigma_position_new_gain_km']!r} km, correlation: white}}"
+    own = f"position: {{sigma: {limit.new_gain_km!r} km, correlation: white}}"
     there = total_sigma(make_setting, changed(minimal_text, BEHIND, f"{BEHIND}, {own}"))
     perfect = f"{BEHIND}, position: {{sigma: 1e-7 km, correlation: white, treatment: estimated}}"
     best = total_sigma(make_setting, changed(minimal_text, BEHIND, perfect))
-    assert row["sigma_total_perfect_km"] == pytest.approx(best, rel=1e-6)
+    assert row.sigma_total_perfect == pytest.approx(best, rel=1e-6)
     # the root is found to 1e-3 of the size, so to 2e-3 of the growth of the variance
-    assert there / best - 1.0 == pytest.approx(limit["growth_percent"] / 100.0, rel=3e-3)
+    assert there / best - 1.0 == pytest.approx(limit.growth_percent / 100.0, rel=3e-3)
 
 
 def test_with_the_gain_as_it_is_the_required_size_follows_from_the_share(minimal_setting: Setting) -> None:
     scene, one, asked = solved(minimal_setting)
-    row = next(r for r in required(scene, one, asked) if r["telescope"] == "ahead")
+    row = next(r for r in required(scene, one, asked) if r.position.telescope == "ahead")
     found = one.estimate.predict(*known_partials(asked[0], one.estimate))
     own = np.trace(found.shares["telescope position ahead"])
     rest = np.trace(found.covariance) - own
-    assert row["sigma_position_now_km"] == pytest.approx(3.0, rel=1e-12)
-    for limit in row["limits"]:
-        f = limit["sigma_position_same_gain_km"] / 3.0
-        assert np.sqrt(1.0 + f**2 * own / rest) == pytest.approx(1.0 + limit["growth_percent"] / 100.0, rel=1e-9)
+    assert not row.position.assumed
+    assert row.position.sigma_km == pytest.approx(3.0, rel=1e-12)
+    for limit in row.limits:
+        assert limit.same_gain_km is not None
+        f = limit.same_gain_km / 3.0
+        assert np.sqrt(1.0 + f**2 * own / rest) == pytest.approx(1.0 + limit.growth_percent / 100.0, rel=1e-9)
 
 
 def test_a_mission_without_position_errors_still_says_how_well_positions_must_be_known(
@@ -203,9 +205,8 @@ def test_a_mission_without_position_errors_still_says_how_well_positions_must_be
     bare = changed(minimal_text, f"    {POSITION}\n", "")
     scene, one, asked = solved(make_setting(load_mission_text(bare)))
     row = required(scene, one, asked)[0]
-    assert row["sources"] == []
-    assert row["sigma_position_now_km"] is None
-    size = row["limits"][1]["sigma_position_new_gain_km"]
+    assert row.position.assumed
+    size = row.limits[1].new_gain_km
     own = f"    position: {{sigma: {size!r} km, correlation: white, treatment: estimated}}\n    {BIAS}"
     said = bare.replace(f"    {BIAS}", own).replace(
         BEHIND, f"{BEHIND}, position: {{sigma: 1e-7 km, correlation: white, treatment: estimated}}"
@@ -218,8 +219,7 @@ def test_an_estimator_that_ignores_a_source_gains_nothing_from_a_new_gain(
 ) -> None:
     text = minimal_text + "estimators: [{name: blind, method: batch_qr, treatment: {bias: ignored}}]\n"
     scene, one, asked = solved(make_setting(load_mission_text(text)))
-    row = next(r for r in prediction_rows(scene, Worlds.of(one), asked[0]) if r["source"] == "bias ahead")
-    for remedy in ("if_vanished", "if_halved"):
-        assert row[remedy]["sigma_total_km_new_gain"] == pytest.approx(
-            row[remedy]["sigma_total_km_same_gain"], rel=1e-9
-        )
+    row = next(r for r in quantity_shares(scene, Worlds.of(one), asked[0]) if r.source == "bias ahead")
+    for remedy in (row.remedies.if_vanished, row.remedies.if_halved):
+        assert remedy.new_gain is not None
+        assert remedy.new_gain.total == pytest.approx(remedy.same_gain.total, rel=1e-9)

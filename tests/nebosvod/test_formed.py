@@ -10,10 +10,10 @@ import pytest
 
 from nebosvod.cli import main
 from nebosvod.estimation.accuracy.formed import definite, formed
-from nebosvod.findings.outlook import answered
 from nebosvod.fits.orbit import OrbitAt
 from nebosvod.results.fit_summary import orbit_block
 from nebosvod.results.fit_tables import orbit_table
+from nebosvod.results.outlook import answered
 from nebosvod.timescale import Epoch
 
 WEAK = "prior: {sigma: {position: POSITION, velocity: 1 km/s}}\n"

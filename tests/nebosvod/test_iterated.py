@@ -76,11 +76,11 @@ def test_the_monte_carlo_of_a_run_is_iterated_too(
     scene, priors, nominal = make_setting(load_mission_text(neb_text + WIDE))
     sample = repeat(scene, scene.mission.estimators[0], nominal, priors, 80, SEED)
     block = consistency(sample)
-    assert block["iterated"]
-    assert block["second_order_sigma"] > 1.0
-    assert block["n_failed"] == 0
-    low, high = block["nees_interval_99"]
-    assert low < block["nees_mean"] < high
+    assert block.iterated
+    assert block.second_order_sigma > 1.0
+    assert block.lost == 0
+    low, high = block.nees_interval_99
+    assert low < block.nees_mean < high
     # in sigmas of its own covariance each error of the position is standard normal
     W = np.eye(3)
     square = sample.scatter(W, STATE_NAMES[:3], np.ones(3))

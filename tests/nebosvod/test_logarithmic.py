@@ -159,8 +159,8 @@ def test_estimates_follow_a_truth_that_is_far_off_and_stay_positive(light: str) 
 def test_a_campaign_judges_lognormal_errors_honest(light: str, make_setting) -> None:
     scene, priors, nominal = make_setting(load_mission_text(light))
     found = consistency(repeat(scene, scene.mission.estimators[0], nominal, priors, 400, 7))
-    low, high = found["nees_interval_99"]
-    assert low < found["nees_mean"] < high
+    low, high = found.nees_interval_99
+    assert low < found.nees_mean < high
 
 
 def test_a_mass_from_radius_and_density_is_correlated_in_the_logarithms(minimal_text: str) -> None:

@@ -56,10 +56,11 @@ def test_the_state_alone_and_its_summary_block_pass(minimal_setting: Setting) ->
     sample = repeat(scene, scene.mission.estimators[0], nominal, priors, RUNS, SEED + 1)
     assert_covariance(sample.errors[:, :6], sample.reference.factor(STATE_NAMES))
     block = consistency(sample)
-    low, high = block["nees_interval_99"]
-    assert low < block["nees_mean"] < high
-    for level, key in ((0.5, "50_percent"), (0.9, "90_percent"), (0.99, "99_percent")):
-        assert abs(block["coverage"][key] - level) < 3.0 * np.sqrt(level * (1 - level) / RUNS)
+    low, high = block.nees_interval_99
+    assert low < block.nees_mean < high
+    assert set(block.coverage) == {0.5, 0.9, 0.99}
+    for level, inside in block.coverage.items():
+        assert abs(inside - level) < 3.0 * np.sqrt(level * (1 - level) / RUNS)
 
 
 WRONG = """

@@ -10,18 +10,11 @@ import pytest
 
 from nebosvod.engine.assembly import computed_psi
 from nebosvod.engine.fitting import Fit, fit
-from nebosvod.engine.quantity import Quantity, known_partials, prediction_row, quantity
-from nebosvod.findings.nonlinearity import (
-    against_linear,
-    clones,
-    curvature,
-    displaced,
-    impact_share,
-    moved_quantities,
-    nonlinearity,
-    ordered_factor,
-    spread_of,
-)
+from nebosvod.engine.quantity import Quantity, known_partials, quantity
+from nebosvod.findings.displacement import displaced, moved_quantities
+from nebosvod.findings.drawn import against_linear, clones, impact_share, spread_of
+from nebosvod.findings.nonlinearity import Nonlinearity, curvature, nonlinearity, ordered_factor
+from nebosvod.findings.prediction import answered
 from nebosvod.mission import Mission, load_mission_text
 from nebosvod.pipeline import run
 from nebosvod.scene.point import View
@@ -67,7 +60,7 @@ def test_a_line_far_from_the_base_is_carried_along_itself_into_the_plane_of_the_
 
     def mtp(axes: npt.NDArray[np.float64], point: npt.NDArray[np.float64]) -> SimpleNamespace:
         request = SimpleNamespace(plane="mtp")
-        return SimpleNamespace(unit="km", axes=axes, value=axes[[0, 2]] @ point, request=request)
+        return SimpleNamespace(unit="km", axes=axes, value=axes[[0, 2]] @ point, request=request, facts=None)
 
     base_axes = np.eye(3)
     direction = np.array([0.3, 0.9, -0.2])
@@ -126,7 +119,7 @@ def test_the_second_order_shift_is_that_of_drawn_orbits(flyby: tuple[Scene, Fit,
     scene, one, asked = flyby
     names = [n for n in (*STATE_NAMES, *one.observation.parameter_names) if n in one.estimate.names]
     target = [asked[2]]
-    expected = np.array(nonlinearity(scene, one, target)[0]["mean_shift_km"])
+    expected = nonlinearity(scene, one, target)[0].mean_shift
     S = one.estimate.factor(names)
     W = asked[2].partials[:, [asked[2].names.index(n) for n in names]]
     departure = []
@@ -139,33 +132,34 @@ def test_the_second_order_shift_is_that_of_drawn_orbits(flyby: tuple[Scene, Fit,
 
 def test_impact_probability_is_the_share_of_normal_points_on_the_disc(flyby: tuple[Scene, Fit, list[Quantity]]) -> None:
     _, one, asked = flyby
-    curved = {"mean_shift_km": [0.3, -0.2], "measure": 0.1, "misleads": False}
+    curved = Nonlinearity(orbits=2, mean_shift=np.array([0.3, -0.2]), measure=0.1, misleads=False)
     factor = one.estimate.predict(*known_partials(asked[2], one.estimate)).factor
-    edge = replace(asked[2], value=np.array([asked[2].facts["capture_radius_km"], 0.5]))
-    row = prediction_row(edge, one.estimate, "batch", [], curved)
+    radius = asked[2].encounter.capture_radius_km
+    edge = replace(asked[2], value=np.array([radius, 0.5]))
+    row = answered(edge, one.estimate, "batch", [], curved)
     draws = edge.value + np.random.default_rng(1).standard_normal((400_000, 2)) @ factor.T
-    share = np.mean(np.hypot(*draws.T) <= edge.facts["capture_radius_km"])
-    assert row["impact_probability_linear"] == pytest.approx(share, abs=4.0 * np.sqrt(0.25 / 400_000))
+    share = np.mean(np.hypot(*draws.T) <= radius)
+    assert row.impact_probability == pytest.approx(share, abs=4.0 * np.sqrt(0.25 / 400_000))
     assert 0.3 < share < 0.7
-    np.testing.assert_allclose(row["max_deviation_km"], [0.3, 0.2] + 3.0 * np.array(row["sigma_km"]), rtol=1e-12)
-    assert prediction_row(asked[2], one.estimate, "batch", [], curved)["impact_probability_linear"] == 0.0
+    np.testing.assert_allclose(row.max_deviation, [0.3, 0.2] + 3.0 * row.sigma, rtol=1e-12)
+    assert answered(asked[2], one.estimate, "batch", [], curved).impact_probability == 0.0
 
 
 def test_the_share_of_impacts_has_the_exact_binomial_interval() -> None:
     fate = np.zeros(200)
     none = impact_share(fate)
-    assert none["hits"] == 0
+    assert none.hits == 0
     # closed form at zero hits: (1 - p)^n = 0.025
-    assert none["interval_95"] == [0.0, pytest.approx(1.0 - 0.025 ** (1 / 200), rel=1e-9)]
+    assert none.interval_95 == (0.0, pytest.approx(1.0 - 0.025 ** (1 / 200), rel=1e-9))
     fate[:50] = 1.0
     some = impact_share(fate)
-    assert some["probability"] == 0.25
-    assert some["interval_95"] == pytest.approx([0.1916, 0.3159], abs=2e-3)
+    assert some.probability == 0.25
+    assert some.interval_95 == pytest.approx((0.1916, 0.3159), abs=2e-3)
     fate[:50] = np.nan
-    assert impact_share(fate)["runs"] == 150
+    assert impact_share(fate).runs == 150
     one, points = SimpleNamespace(value=np.array([0.0, 10.0]), unit="km"), np.zeros((200, 2))
     points[:50] = np.nan
-    assert spread_of(one, points, np.eye(2))["undefined"] == 50  # type: ignore[arg-type]
+    assert spread_of(one, points, np.eye(2)).undefined == 50  # type: ignore[arg-type]
 
 
 def test_the_distance_of_a_vague_flyby_misleads_where_its_target_plane_does_not(
@@ -179,9 +173,9 @@ def test_the_distance_of_a_vague_flyby_misleads_where_its_target_plane_does_not(
     plane, distance = nonlinearity(scene, one, asked)[2:]
     sigma = one.estimate.predict(*known_partials(asked[3], one.estimate)).sigma[0]
     assert sigma > 0.5 * asked[3].value[0]  # type: ignore[index]  # the mean distance lies within two sigmas of zero
-    assert distance["misleads"]
-    assert distance["mean_shift_km"][0] > 0.0  # a distance has a floor
-    assert not plane["misleads"]
+    assert distance.misleads
+    assert distance.mean_shift[0] > 0.0  # a distance has a floor
+    assert not plane.misleads
 
 
 @pytest.fixture(scope="module")
@@ -213,49 +207,48 @@ def test_a_weak_arc_through_an_encounter_misleads_after_it_and_not_before(
     bent = nonlinearity(scene, one, asked)
     factors = [one.estimate.predict(*known_partials(each, one.estimate)).factor for each in asked]
     before, after, speed = (spread_of(each, points, S) for each, points, S in zip(asked, drawn, factors))
-    assert not before["misleads"]
-    assert not bent[0]["misleads"]
-    assert before["semi_axes_km"] == pytest.approx(np.linalg.svd(factors[0], compute_uv=False), rel=0.15)
-    assert "the linear ellipse holds" in before["statement"]
+    assert not before.misleads
+    assert not bent[0].misleads
+    assert before.cloud.semi_axes == pytest.approx(np.linalg.svd(factors[0], compute_uv=False), rel=0.15)
+    assert "the linear ellipse holds" in before.cloud.statement
     for row, found, S in ((after, bent[1], factors[1]), (speed, bent[2], factors[2])):
-        unit = "km" if row is after else "m_s"
-        assert row["misleads"]
-        assert found["misleads"]  # the second-order term says so without drawing
+        assert row.misleads
+        assert found.misleads  # the second-order term says so without drawing
         linear = np.linalg.svd(S, compute_uv=False)
-        assert row[f"semi_axes_{unit}"][0] == pytest.approx(linear[0], rel=0.15)
-        assert row[f"semi_axes_{unit}"][2] > 10.0 * linear[2]  # a bent needle is wide where the straight one is thin
-        assert row["inside_linear_3_sigma"] < 0.5
-        assert "the linear ellipse misleads" in row["statement"]
-        shift, sigma = np.array(row[f"mean_shift_{unit}"]), np.array(row[f"sigma_{unit}"])
-        np.testing.assert_allclose(row[f"max_deviation_{unit}"], np.abs(shift) + 3.0 * sigma, rtol=1e-12)
+        assert row.cloud.semi_axes[0] == pytest.approx(linear[0], rel=0.15)
+        assert row.cloud.semi_axes[2] > 10.0 * linear[2]  # a bent needle is wide where the straight one is thin
+        assert row.cloud.against.inside_linear_3_sigma < 0.5
+        assert "the linear ellipse misleads" in row.cloud.statement
+        wanted = np.abs(row.cloud.mean_shift) + 3.0 * row.cloud.sigma
+        np.testing.assert_allclose(row.cloud.max_deviation, wanted, rtol=1e-12)
 
 
 def test_normal_points_hold_and_half_as_much_again_in_one_direction_does_not() -> None:
     """The verdict over 200 samples of 400: right ones are called wrong in less than 5 %, wrong ones found each time."""
     rng, factor = np.random.default_rng(4), np.array([[3.0, 0.0], [4.0, 1e-3]])
-    right = [against_linear(rng.standard_normal((400, 2)) @ factor.T, factor)["misleads"] for _ in range(200)]
+    right = [against_linear(rng.standard_normal((400, 2)) @ factor.T, factor).misleads for _ in range(200)]
     assert np.mean(right) < 0.05
     wide = factor * [1.0, 1.5]
-    assert all(against_linear(rng.standard_normal((400, 2)) @ wide.T, factor)["misleads"] for _ in range(20))
+    assert all(against_linear(rng.standard_normal((400, 2)) @ wide.T, factor).misleads for _ in range(20))
 
 
 def test_levels_of_an_ellipse_hold_the_share_of_normal_points_they_say(
     flyby: tuple[Scene, Fit, list[Quantity]],
 ) -> None:
     _, one, asked = flyby
-    curved = {"mean_shift_km": [0.0, 0.0], "measure": 0.0, "misleads": False}
-    levels = prediction_row(asked[2], one.estimate, "batch", [], curved)["ellipse_levels"]
+    curved = Nonlinearity(orbits=2, mean_shift=np.zeros(2), measure=0.0, misleads=False)
+    levels = answered(asked[2], one.estimate, "batch", [], curved).levels
     squares = np.sum(np.random.default_rng(2).standard_normal((400_000, 2)) ** 2, axis=1)
     for level in levels:
-        assert np.mean(squares <= level["sigma_level"] ** 2) == pytest.approx(level["probability"], abs=3e-3)
-    assert [round(level["probability"], 4) for level in levels] == [0.3935, 0.8647, 0.9889, 0.5, 0.9, 0.99]
+        assert np.mean(squares <= level.sigma**2) == pytest.approx(level.probability, abs=3e-3)
+    assert [round(level.probability, 4) for level in levels] == [0.3935, 0.8647, 0.9889, 0.5, 0.9, 0.99]
 
 
 def test_an_orbit_without_the_prediction_leaves_its_nonlinearity_open(
     flyby: tuple[Scene, Fit, list[Quantity]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from nebosvod.errors import InputError
-    from nebosvod.findings import nonlinearity as module
+    from nebosvod.findings import displacement as module
 
     scene, one, asked = flyby
 
@@ -264,9 +257,9 @@ def test_an_orbit_without_the_prediction_leaves_its_nonlinearity_open(
 
     monkeypatch.setattr(module, "quantity", none)
     row = nonlinearity(scene, one, asked[2:3])[0]
-    assert row["measure"] is None
-    assert row["misleads"] is None
-    assert "no such prediction" in row["reason"]
+    assert row.measure is None
+    assert row.misleads is None
+    assert "no such prediction" in str(row.reason)
 
 
 def test_a_run_with_monte_carlo_has_points_shares_and_a_fifth_accuracy(apophis: Mission) -> None:

@@ -188,13 +188,13 @@ def test_the_impactor_enters_where_and_as_it_was_made_to(soda: Scene) -> None:
     # higher than the ellipsoid: 3.6 s at 5.8 km/s, in which the horizon turns by 0.57 deg
     late = 20.9 / (18.87 * np.sin(np.radians(18.0)))
     assert entry.epoch - Epoch.parse("2030-02-15T03:20:00 TDB") == pytest.approx(late, abs=0.1)
-    assert entry.facts["path_below_horizon_deg"] == pytest.approx(18.3 - 0.57, abs=0.1)
-    assert entry.facts["speed_km_s"] == pytest.approx(18.86, abs=0.02)
-    assert entry.facts["evaluated_on"] == "estimated orbit"
-    assert asked["target plane"].facts["impact"]
+    assert entry.facts.path_below_horizon_deg == pytest.approx(18.3 - 0.57, abs=0.1)
+    assert entry.facts.speed_km_s == pytest.approx(18.86, abs=0.02)
+    assert entry.facts.evaluated_on == "estimated orbit"
+    assert asked["target plane"].encounter.impact
     value = asked["target plane"].value
     assert value is not None
-    assert np.hypot(*value) < asked["target plane"].facts["capture_radius_km"]
+    assert np.hypot(*value) < asked["target plane"].encounter.capture_radius_km
     perigee = asked["perigee without an Earth"].value
     assert perigee is not None
     assert perigee[0] < RADIUS_KM["earth"]
@@ -218,9 +218,9 @@ def test_partials_of_an_impact_equal_differences_of_other_impacts(soda: Scene, c
         assert nominal.partials[:, column] == pytest.approx(slope, rel=1e-3, abs=1e-3 * np.abs(slope).max())
     entry = soda.mission.predictions[0]
     nominal = quantity(soda, soda.trajectory, entry)
-    places = [quantity(soda, trajectory, entry).facts for trajectory in shifted]
+    places = [quantity(soda, trajectory, entry).facts.ground for trajectory in shifted]
     points = [
-        EarthLocation.from_geodetic(at["longitude_deg"], at["latitude_deg"], 100.0 * u.km).get_itrs().cartesian.xyz
+        EarthLocation.from_geodetic(at.longitude_deg, at.latitude_deg, 100.0 * u.km).get_itrs().cartesian.xyz
         for at in places
     ]
     moved = np.linalg.norm((points[0] - points[1]).to_value(u.km))

@@ -4,7 +4,6 @@ from pathlib import Path
 
 from markupsafe import Markup
 
-from nebosvod.findings.outlook import bent_words
 from nebosvod.report.fit import figures as fit_figures
 from nebosvod.report.fit import tables as fit_tables
 from nebosvod.report.kit.base import render
@@ -14,6 +13,7 @@ from nebosvod.report.run.ellipses import ellipse_plate
 from nebosvod.report.run.tables import Cell, prediction_table
 from nebosvod.report.run.trust import doubtful, nonlinearity_sentence, nonlinearity_table
 from nebosvod.results.folder import Item, RunFolder, read_folder
+from nebosvod.results.outlook import bent_words
 
 
 def make_fit_report(folder: Path) -> str:
@@ -76,7 +76,7 @@ def doubt(prediction: Item) -> Markup | None:
     if bent.get("misleads"):
         return Markup(
             "<strong>Do not believe this ellipse.</strong> {}: where the object may be is bent or larger than it."
-        ).format(_sentence(bent_words(prediction)))
+        ).format(_sentence(bent_words(bent["measure"], bent.get("shortest_chord_sigma"))))
     if bent.get("reason"):
         return Markup("<strong>This ellipse may not hold.</strong> {}.").format(_sentence(bent["reason"]))
     return None

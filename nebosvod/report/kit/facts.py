@@ -5,10 +5,10 @@ import math
 from markupsafe import Markup
 
 from nebosvod.findings.kinds import kind_of
-from nebosvod.findings.outlook import moment_words
 from nebosvod.report.kit import wording
 from nebosvod.report.kit.wording import percent, product, quantity
 from nebosvod.results.folder import Item, RunFolder
+from nebosvod.results.outlook import moment_words
 
 WEIGHT = (
     "entry",

@@ -6,18 +6,10 @@ Rows of `predictions` -> rows of `impacts` and sentences, the same for runs and 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
-from nebosvod.engine.quantity import ANSWERED
 from nebosvod.timescale import SECONDS_PER_DAY, Epoch
 
 Row = Mapping[str, Any]
-LEAST = 1e-6  # a chance of impact smaller than this is not spoken of, unless a drawn orbit hits
-FROM_IMPACT = (
-    "impact_longitude_deg",
-    "impact_latitude_deg",
-    "closest_distance_km",
-    "closest_approach_tdb",
-    "closest_approach_utc",
-)
+ANSWERED = "answered"  # status of a prediction that exists
 
 
 def answered(rows: Iterable[Row]) -> list[Any]:
@@ -28,52 +20,6 @@ def answered(rows: Iterable[Row]) -> list[Any]:
 def without_answer(rows: Iterable[Row]) -> list[Any]:
     """The predictions that do not exist for their orbit."""
     return [row for row in rows if row.get("status", ANSWERED) != ANSWERED]
-
-
-def impact_rows(predictions: Sequence[Row]) -> list[dict[str, Any]]:
-    """The `impacts` of a summary: each encounter of the first estimator that may be an impact, once.
-
-    Probability and time come from the first row of an encounter that has them; a Monte Carlo one goes before none.
-    """
-    found: list[dict[str, Any]] = []
-    first = predictions[0]["estimator"] if predictions else ""
-    for row in predictions:
-        if row["estimator"] != first or "impact_probability_linear" not in row:
-            continue
-        same = next((one for one in found if _same(one, row)), None)
-        if same is None:
-            found.append(_impact(row))
-            continue
-        same["predictions"].append(row["name"])
-        for key in ("impact_probability_monte_carlo", "sigma_time_s"):
-            if same[key] is None:
-                same[key] = row.get(key)
-    return [one for one in found if _told(one)]
-
-
-def _impact(row: Row) -> dict[str, Any]:
-    return {
-        "body": row["body"],
-        "estimator": row["estimator"],
-        "predictions": [row["name"]],
-        "nominal_impact": bool(row.get("impact")),
-        "impact_probability_linear": row["impact_probability_linear"],
-        "impact_probability_monte_carlo": row.get("impact_probability_monte_carlo"),
-        "sigma_time_s": row.get("sigma_time_s"),
-        "time_scale": "utc" if row["body"] == "earth" else row["time_scale"],
-        **{key: row.get(key) for key in FROM_IMPACT},
-    }
-
-
-def _same(one: Row, row: Row) -> bool:
-    """Whether a row is about the same encounter: one body, within a day."""
-    apart = Epoch.parse(one["closest_approach_tdb"]) - Epoch.parse(row["closest_approach_tdb"])
-    return bool(one["body"] == row["body"] and abs(apart) < SECONDS_PER_DAY)
-
-
-def _told(one: Row) -> bool:
-    drawn = one["impact_probability_monte_carlo"] or {}
-    return bool(one["nominal_impact"] or one["impact_probability_linear"] >= LEAST or drawn.get("hits"))
 
 
 def impact_sentences(summary: Row) -> Iterator[str]:
@@ -129,11 +75,9 @@ def event_words(row: Row) -> str:
     return text
 
 
-def bent_words(row: Row) -> str:
+def bent_words(measure: float | None, chord: float | None) -> str:
     """What makes a linear ellipse mislead: its second-order term, or orbits that have no such prediction."""
-    bent = row["nonlinearity"]
-    text = f"the second-order term is {bent['measure']:.2g} of its sigmas"
-    chord = bent.get("shortest_chord_sigma")
+    text = f"the second-order term is {measure:.2g} of its sigmas"
     return text if chord is None else f"{text}, and an orbit at {2.0 * chord:.2g} sigma has no such prediction"
 
 

@@ -1,0 +1,116 @@
+"""What another orbit changes in a prediction: the orbit moved by a deviation, flown anew, and asked the same."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from nebosvod.dynamics import Trajectory
+from nebosvod.dynamics.impact import impact
+from nebosvod.engine.entry import ground_displacement
+from nebosvod.engine.facts import REFERENCE, EntryFacts, SkyFacts, StateFacts
+from nebosvod.engine.fitting import Fit
+from nebosvod.engine.quantity import M_PER_KM, Quantity, quantity
+from nebosvod.errors import EventError, ImpactError, InputError, NoAnswerError
+from nebosvod.scene.point import Point
+from nebosvod.scene.prior import STATE_NAMES, by_density, with_mass
+from nebosvod.scene.scene import Scene
+from nebosvod.units import ARCSEC
+
+Array = npt.NDArray[np.float64]
+
+
+def displaced(base: Quantity, other: Quantity) -> Array | None:
+    """What another orbit changes in a quantity, on the axes of the base (d,); None where that is not defined."""
+    if base.request.plane == "entry":
+        if base.anchor is None or base.axes is None or other.anchor is None:
+            return None
+        return ground_displacement(base.anchor, base.axes, other.anchor)
+    if isinstance(base.facts, SkyFacts) and isinstance(other.facts, SkyFacts):
+        turn = np.radians(other.facts.ra_deg - base.facts.ra_deg)
+        turn = (turn + np.pi) % (2.0 * np.pi) - np.pi
+        north = np.radians(base.facts.dec_deg)
+        return np.array([turn * np.cos(north), np.radians(other.facts.dec_deg) - north]) / ARCSEC
+    if base.axes is None:
+        return None if base.value is None or other.value is None else np.asarray(other.value - base.value)
+    if isinstance(base.facts, StateFacts) and isinstance(other.facts, StateFacts):
+        if base.unit == "m_s":
+            return np.asarray(M_PER_KM * base.axes @ (other.facts.velocity_km_s - base.facts.velocity_km_s))
+        return np.asarray(base.axes @ (other.facts.position_km - base.facts.position_km))
+    if base.value is None or other.value is None or other.axes is None:
+        return None
+    point = other.value[0] * other.axes[0] + other.value[1] * other.axes[2]
+    if base.request.plane == "mtp":  # along the other orbit's direction into the base's plane
+        point = point - (base.axes[1] @ point) / (base.axes[1] @ other.axes[1]) * other.axes[1]
+    return np.asarray(base.axes[[0, 2]] @ point - base.value)
+
+
+def moved_quantities(
+    scene: Scene, fit: Fit, asked: Sequence[Quantity], deviation: Mapping[str, float]
+) -> list[Array | None]:
+    """Displacement (d,) of each quantity on the orbit moved by a deviation; None where it has no value there."""
+    return [moved for moved, _ in moved_events(scene, fit, asked, deviation)]
+
+
+def moved_events(
+    scene: Scene, fit: Fit, asked: Sequence[Quantity], deviation: Mapping[str, float]
+) -> list[tuple[Array | None, bool | None]]:
+    """The same, and whether that orbit hits the body of the encounter; None where there is no such orbit."""
+    flown: dict[bool, Trajectory | str | None] = {False: _fly(scene, _displaced(scene, fit.point, deviation))}
+    found: list[tuple[Array | None, bool | None]] = []
+    for one in asked:
+        # the base of an entry that only the reference orbit has is that orbit
+        about_reference = isinstance(one.facts, EntryFacts) and one.facts.evaluated_on == REFERENCE
+        if about_reference not in flown:
+            flown[about_reference] = _fly(scene, _displaced(scene, _reference(scene), deviation))
+        hits = None if one.encounter is None else _hits(flown[False], one.encounter.body)
+        found.append((_moved(scene, one, flown[about_reference]), hits))
+    return found
+
+
+def _moved(scene: Scene, one: Quantity, orbit: Trajectory | str | None) -> Array | None:
+    """Displacement (d,) of a quantity on another orbit; None where it has no value there."""
+    if not isinstance(orbit, Trajectory):
+        return None
+    try:
+        return displaced(one, quantity(scene, orbit, one.request, one.epoch))
+    except (NoAnswerError, InputError):  # no encounter of this kind on that orbit
+        return None
+
+
+def _hits(orbit: Trajectory | str | None, body: str) -> bool | None:
+    """Whether an orbit hits a body; None where it cannot be flown."""
+    if not isinstance(orbit, Trajectory):
+        return None if orbit is None else orbit == body
+    return impact(orbit, body) is not None
+
+
+def uncertain(fit: Fit) -> tuple[str, ...]:
+    """State and dynamic parameters that have an error, estimated or left out."""
+    known = {*fit.estimate.names, *fit.estimate.left_out}
+    return tuple(name for name in (*STATE_NAMES, *fit.observation.parameter_names) if name in known)
+
+
+def _displaced(scene: Scene, point: Point, deviation: Mapping[str, float]) -> Point:
+    """The point moved, a mass that comes from a density with its radius."""
+    moved = point.moved(deviation)
+    if not by_density(scene.mission):
+        return moved
+    return replace(moved, parameters=with_mass(point.parameters, moved.parameters))
+
+
+def _reference(scene: Scene) -> Point:
+    """The reference orbit with every dynamic parameter at its nominal value."""
+    values = {parameter.name: parameter.value for parameter in scene.mission.free_parameters}
+    return Point(state=scene.state, parameters=values, nuisances={})
+
+
+def _fly(scene: Scene, point: Point) -> Trajectory | str | None:
+    """The orbit through a point; the body it hits before a date asked about; or None where it cannot be flown."""
+    try:
+        return scene.propagate(point.state, scene.forces.with_values(point.parameters))
+    except ImpactError as error:
+        return error.body
+    except (EventError, InputError):  # a mass below zero, or an integration that stops
+        return None
