@@ -9,8 +9,8 @@ are not.
 """
 
 import os
-from collections.abc import Callable
-from dataclasses import asdict
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +31,9 @@ from nebosvod.results.result import json_text
 from nebosvod.scene.prior import STATE_NAMES
 from nebosvod.studies.campaign import NIS_ROWS, Campaign, CampaignFolder
 from nebosvod.studies.executor import run_tasks
-from nebosvod.studies.trust import Claim, Direction, judge
+from nebosvod.studies.outcomes import Direction
+from nebosvod.studies.trust import Claim, Judgement, judge
+from nebosvod.studies.verdict_rows import judgement
 from nebosvod.version import __version__
 
 Array = npt.NDArray[np.float64]
@@ -145,8 +147,8 @@ def summary(
     """
     mission = setting.scene.mission
     level = FAMILY_LEVEL / len(setting.estimating)
-    rows = [_estimator(setting, k, arrays, campaign.mode, level) for k in range(len(setting.estimating))]
-    passed = all(row["passed"] for row in rows)
+    found = [_estimator(setting, k, arrays, campaign.mode, level) for k in range(len(setting.estimating))]
+    passed = all(one.passed for one in found)
     return {
         "schema_version": SCHEMA_VERSION,
         "mission": mission.name,
@@ -164,42 +166,87 @@ def summary(
         "second_order_sigma": left_out if np.isfinite(left_out) else None,
         "family_level": FAMILY_LEVEL,
         "passed": passed,
-        "verdict": _overall(rows, passed),
-        "estimators": rows,
+        "verdict": _overall(found, passed),
+        "estimators": [_row(one) for one in found],
+    }
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class EstimatorVerdict:
+    """One estimator judged.
+
+    Attributes
+    ----------
+    left_out : sources it considers or ignores. claims_formal : whether K_formal is its own claim all the same.
+    n_failed : runs that gave no estimate.
+    check_sigma : largest difference between one factorisation for all runs and its own method; None where not made.
+    judged : by the covariance on trial, "true" and "formal"; empty where nothing could be judged.
+    reason : why it did not pass; empty if it did.
+    """
+
+    name: str
+    method: str
+    status: str
+    left_out: tuple[str, ...]
+    claims_formal: bool
+    n_failed: int = 0
+    check_sigma: float | None = None
+    judged: Mapping[str, Judgement] = field(default_factory=dict)
+    reason: str = ""
+
+    @property
+    def passed(self) -> bool:
+        """Whether its claims hold."""
+        return not self.reason
+
+    def claims(self, covariance: str) -> bool:
+        """Whether a covariance, "true" or "formal", is one that it vouches for."""
+        return covariance == "true" or self.claims_formal
+
+
+def _row(found: EstimatorVerdict) -> dict[str, Any]:
+    """One entry of `estimators`."""
+    return {
+        "name": found.name,
+        "method": found.method,
+        "status": found.status,
+        "left_out": list(found.left_out),
+        "claims_formal": found.claims_formal,
+        "n_failed": found.n_failed,
+        "check_sigma": found.check_sigma,
+        "judged": {name: {"claimed": found.claims(name), **judgement(one)} for name, one in found.judged.items()},
+        "passed": found.passed,
+        "reason": found.reason,
     }
 
 
 def _estimator(
     setting: Setting, k: int, arrays: dict[str, npt.NDArray[Any]], mode: str, level: float
-) -> dict[str, Any]:
+) -> EstimatorVerdict:
     """One estimator judged with K_true and with K_formal."""
     one = setting.estimating[k]
     left_out = sources_left_out(one)
-    row: dict[str, Any] = {
-        "name": one.estimator.name,
-        "method": one.estimator.method,
-        "status": str(one.reference.status),
-        "left_out": left_out,
+    found = EstimatorVerdict(
+        name=one.estimator.name,
+        method=one.estimator.method,
+        status=str(one.reference.status),
+        left_out=tuple(left_out),
         # the K_formal of an estimator with a gain of its own is its whole claim, whatever is left out
-        "claims_formal": not left_out or one.estimator.method in OWN_GAIN,
-    }
+        claims_formal=not left_out or one.estimator.method in OWN_GAIN,
+    )
     if one.reference.solution is None:
-        return row | {
-            "passed": False,
-            "reason": one.reference.message,
-            "n_failed": 0,
-            "check_sigma": None,
-            "judged": {},
-        }
+        return replace(found, reason=one.reference.message)
     errors = arrays[f"errors_{k}"]
     good = np.isfinite(errors).all(axis=1)
     check = arrays[f"check_{k}"] if mode == "linear" else np.zeros(0)
-    agreement = float(np.nanmax(check)) if np.isfinite(check).any() else None
     own = {name: value[good] for name, value in _own(arrays, k).items()}
-    judged = _judged(setting, one, own, level) if np.count_nonzero(good) >= FEWEST else {}
-    row |= {"n_failed": int((~good).sum()), "check_sigma": agreement, "judged": judged}
-    reason = _reason(row, len(errors))
-    return row | {"passed": not reason, "reason": reason}
+    found = replace(
+        found,
+        n_failed=int((~good).sum()),
+        check_sigma=float(np.nanmax(check)) if np.isfinite(check).any() else None,
+        judged=_judged(setting, one, own, level) if np.count_nonzero(good) >= FEWEST else {},
+    )
+    return replace(found, reason=_reason(found, len(errors)))
 
 
 def _own(arrays: dict[str, npt.NDArray[Any]], k: int) -> dict[str, npt.NDArray[Any]]:
@@ -207,15 +254,15 @@ def _own(arrays: dict[str, npt.NDArray[Any]], k: int) -> dict[str, npt.NDArray[A
     return {name.rsplit("_", 1)[0]: array for name, array in arrays.items() if name.rsplit("_", 1)[1] == str(k)}
 
 
-def _reason(row: dict[str, Any], runs: int) -> str:
+def _reason(found: EstimatorVerdict, runs: int) -> str:
     """Why an estimator did not pass; empty if it did."""
-    if row["n_failed"] > ALLOWED_FAILURES * runs:
-        return f"{row['n_failed']} of {runs} runs gave no estimate"
-    if row["check_sigma"] is not None and row["check_sigma"] > AGREEMENT_SIGMA:
-        return f"its own method and one factorisation for all runs differ by {row['check_sigma']:.2g} sigma"
-    for name, judged in row["judged"].items():
-        if judged["claimed"] and not judged["consistent"]:
-            return f"judged with K_{name}: {judged['verdict']}"
+    if found.n_failed > ALLOWED_FAILURES * runs:
+        return f"{found.n_failed} of {runs} runs gave no estimate"
+    if found.check_sigma is not None and found.check_sigma > AGREEMENT_SIGMA:
+        return f"its own method and one factorisation for all runs differ by {found.check_sigma:.2g} sigma"
+    for name, judged in found.judged.items():
+        if found.claims(name) and not judged.consistent:
+            return f"judged with K_{name}: {judged.verdict}"
     return ""
 
 
@@ -226,9 +273,7 @@ def sources_left_out(one: Estimating) -> list[str]:
     return [group.name for group in groups if group.treatment in ("considered", "ignored")]
 
 
-def _judged(
-    setting: Setting, one: Estimating, own: dict[str, npt.NDArray[Any]], level: float
-) -> dict[str, dict[str, Any]]:
+def _judged(setting: Setting, one: Estimating, own: dict[str, npt.NDArray[Any]], level: float) -> dict[str, Judgement]:
     """Verdicts by the covariance on trial: true, formal."""
     reference, telescopes = one.reference, setting.nominal.observation.telescopes
     names, left_out = reference.names + reference.left_out, sources_left_out(one)
@@ -247,9 +292,7 @@ def _judged(
             nis_components=components,
             independent=name == "formal" or not left_out,
         )
-        claimed = name == "true" or not left_out or one.estimator.method in OWN_GAIN
-        found = judge(spread[name], claim, rows, state, [t.name for t in telescopes], level)
-        judged[name] = {"claimed": claimed, **found}
+        judged[name] = judge(spread[name], claim, rows, state, [t.name for t in telescopes], level)
     return judged
 
 
@@ -303,10 +346,10 @@ def _predicted(setting: Setting, names: tuple[str, ...]) -> list[Direction]:
     return found
 
 
-def _overall(rows: list[dict[str, Any]], passed: bool) -> str:
+def _overall(found: Sequence[EstimatorVerdict], passed: bool) -> str:
     """The whole campaign in one sentence."""
     if not passed:
-        return "; ".join(f"{row['name']} fails: {row['reason']}" for row in rows if not row["passed"])
-    caught = [row["name"] for row in rows if not row["claims_formal"] and not row["judged"]["formal"]["consistent"]]
+        return "; ".join(f"{one.name} fails: {one.reason}" for one in found if not one.passed)
+    caught = [one.name for one in found if not one.claims_formal and not one.judged["formal"].consistent]
     said = "every estimator that claims honesty keeps its word"
     return said + (f"; the formal sigmas of {', '.join(caught)} are wrong, as they must be" if caught else "")

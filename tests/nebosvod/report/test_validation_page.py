@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 from nebosvod.report.validation_page import make_validation_report, write_validation_report
-from nebosvod.studies.trust import Claim, Direction, judge
+from nebosvod.studies.outcomes import Direction
+from nebosvod.studies.trust import Claim, judge
+from nebosvod.studies.verdict_rows import judgement
 
 AXES = ("radially", "along the track", "normal to the orbit plane")
 
@@ -23,7 +25,7 @@ def campaign(size: float) -> dict[str, Any]:
     directions = [Direction(group="position", name=AXES[k], unit="km", weights=axes[k]) for k in range(3)]
     nis = rng.chisquare(50, (500, 1)) / 50
     claim = Claim(factor=axes, nis=nis, nis_components=np.array([50.0]), independent=True)
-    judged = {"claimed": True, **judge(errors, claim, directions, axes, ["<A>"], 0.01)}
+    judged = {"claimed": True, **judgement(judge(errors, claim, directions, axes, ["<A>"], 0.01))}
     passed = judged["consistent"]
     reason = "" if passed else "its sigma is wrong"
     row = {"name": "batch", "n_failed": 0, "reason": reason, "judged": {"true": judged}}
