@@ -62,7 +62,7 @@ def _forces(mission: Mission) -> str:
         f"Earth {zonal} ({pole})" if plan.earth_oblateness else "no oblateness of the Earth",
         "Sun J2" if plan.sun_oblateness else "no oblateness of the Sun",
     ]
-    if target.has_radiation:
+    if target.radiation_parameters:
         said.append("radiation pressure" + ("" if plan.earth_shadow else " without the Earth's shadow"))
     if target.nongrav_parameters:
         law = target.nongrav_law
@@ -110,6 +110,8 @@ def _prior(mission: Mission) -> str:
     """The prior orbit in words."""
     if isinstance(mission.prior, str):
         return "none" if mission.prior == "none" else "the covariance that came with the orbit"
+    if mission.prior.file is not None:
+        return f"the covariance of {mission.prior.file}"
     if mission.prior.sigma is not None:
         return f"{mission.prior.sigma.position:.4g} km and {mission.prior.sigma.velocity * 1000:.4g} m/s on each axis"
     return "a covariance of " + " ".join(mission.prior.names or ())

@@ -13,8 +13,8 @@ from nebosvod.dynamics.impact import carry
 from nebosvod.errors import CoverageError, EventError, GeometryError
 from nebosvod.estimation import Estimate, lower_factor
 from nebosvod.mission.fit import Reference
-from nebosvod.mission.orbit import SbdbOrbit
 from nebosvod.mission.state import orbit_state, to_icrf
+from nebosvod.mission.target import WITH_COVARIANCE
 from nebosvod.scene.prior import STATE_NAMES
 from nebosvod.timescale import SECONDS_PER_DAY, Epoch
 from nebosvod.units import AU_KM, DEG
@@ -190,7 +190,7 @@ def _reference_state(reference: Reference, orbit: OrbitAt, forces: ForceModel) -
 
 def _own_forces(reference: Reference, forces: ForceModel) -> ForceModel:
     """The forces of the fit with the non-gravitational values that came with the reference orbit, and no others."""
-    if not isinstance(reference.orbit, SbdbOrbit):
+    if not isinstance(reference.orbit, WITH_COVARIANCE):
         return replace(forces, parameters=(), nongrav=None)
     values: Mapping[str, float] = {
         f"{label.lower()}_au_d2": reference.orbit.nongrav_value(label) or 0.0 for label in ("A1", "A2", "A3")

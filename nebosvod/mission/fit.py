@@ -21,6 +21,7 @@ from nebosvod.mission.fields import (
     When,
     line_of_text,
 )
+from nebosvod.mission.found import STATE_LABELS, FileOrbit, files_of
 from nebosvod.mission.model import DEFAULT_ESTIMATOR, CovariancePrior, Mission
 from nebosvod.mission.orbit import Frame, SbdbOrbit, StateOrbit
 from nebosvod.mission.request import Arc, Estimator, Prior, TelescopeNames, internal_covariance, scales
@@ -146,7 +147,7 @@ class Reference(Block):
 
     name: Text = "reference"
     orbit: Orbit
-    covariance: Matrix | None = Field(None, description="Of the orbit; kind sbdb brings its own")
+    covariance: Matrix | None = Field(None, description="Of the orbit; kinds sbdb and file bring their own")
     names: Several[str] | None = Field(None, description="Of its rows: e q tp node peri i, or x y z vx vy vz")
     frame: Frame | None = None
 
@@ -166,6 +167,12 @@ class Reference(Block):
     def joint(self) -> CovariancePrior | None:
         """The covariance of elements or state in internal units, if there is one."""
         names, matrix, frame = self.names, self.covariance, self.frame
+        if isinstance(self.orbit, FileOrbit) and matrix is None:
+            found = self.orbit.read
+            return CovariancePrior(
+                names=STATE_LABELS, covariance=found.factor[:6] @ found.factor[:6].T, epoch=found.epoch,
+                representation="state", frame="icrf",
+            )  # fmt: skip
         if isinstance(self.orbit, SbdbOrbit) and matrix is None:
             names, matrix, frame = self.orbit.covariance.labels, self.orbit.covariance.data, self.orbit.frame
         if names is None or matrix is None:
@@ -315,8 +322,9 @@ class FitMission(Mission):
         """Files beside this one that it reads, for the record."""
         named = [*self.fit.observations, self.fit.weights, self.fit.debias, self.force_model.ephemeris]
         named += [orbit.file for orbit in self.fit.spacecraft.values()]
-        named += [getattr(orbit, "file", None) for orbit in self.given_orbits.values()]
-        return tuple(self.beside(name) for name in dict.fromkeys(named) if name is not None)
+        named += [getattr(orbit, "file", None) for orbit in (*self.given_orbits.values(), self.prior)]
+        there = (self.beside(name) for name in dict.fromkeys(named) if name is not None)
+        return tuple(file for path in there for file in files_of(path))
 
     def epochs(self) -> Iterable[tuple[KeyPath, Epoch]]:
         """Every epoch at which the ephemeris is needed, with its path in the file; predictions may lie outside."""

@@ -15,9 +15,10 @@ from pydantic import Discriminator, Field, PrivateAttr, Tag, ValidationError
 
 from nebosvod.borders.treatment import Treatment
 from nebosvod.errors import InputError
-from nebosvod.mission.covariance import NONGRAV_SCALE, Array
+from nebosvod.mission.covariance import COMETARY_SCALE, STATE_SCALE, Array
 from nebosvod.mission.editing import as_text, as_tree, edited
 from nebosvod.mission.fields import Block, Several, Text, When
+from nebosvod.mission.found import FileOrbit, files_of
 from nebosvod.mission.orbit import Representation, SbdbOrbit
 from nebosvod.mission.request import (
     Arc,
@@ -64,6 +65,15 @@ class CovariancePrior:
     epoch: Epoch
     representation: Representation
     frame: Literal["ecliptic_j2000", "icrf"]
+
+
+def _of_file(source: FileOrbit | Prior) -> CovariancePrior:
+    """The covariance of an orbit file."""
+    found = source.read
+    return CovariancePrior(
+        names=found.labels, covariance=found.factor @ found.factor.T, epoch=found.epoch, representation="state",
+        frame="icrf",
+    )  # fmt: skip
 
 
 def as_method(estimator: Estimator, treatment: Treatment) -> Treatment:
@@ -117,9 +127,9 @@ class Mission(Block):
         """Files beside the mission file that it reads, for the record."""
         carriers = (telescope.orbit for telescope in self.telescopes)
         named = [getattr(orbit, "file", None) for orbit in (self.object.orbit, *carriers)]
-        named.append(self.force_model.ephemeris)
+        named += [self.force_model.ephemeris, getattr(self.prior, "file", None)]
         given = dict.fromkeys(name for name in named if name is not None)
-        return tuple(self.beside(name) for name in given if self._path)
+        return tuple(file for name in given if self._path for file in files_of(self.beside(name)))
 
     def beside(self, name: str) -> Path:
         """The path of a file named in the mission, relative to the mission's own."""
@@ -197,8 +207,13 @@ class Mission(Block):
         With `prior: orbit`, A1..A3 that came with the orbit are estimated: the covariance is joint with them.
         """
         joint = self.prior == "orbit"
+        orbit = self.object.orbit
+        known = orbit.labels if isinstance(orbit, FileOrbit) else None  # others may have come without a covariance
         return tuple(
-            replace(p, treatment="estimated") if joint and p.origin == "orbit" else p for p in self.object.parameters
+            replace(p, treatment="estimated")
+            if joint and p.origin == "orbit" and (known is None or p.group in known)
+            else p
+            for p in self.object.parameters
         )
 
     @property
@@ -223,8 +238,10 @@ class Mission(Block):
             and all(self.source_treatment(estimator, source) == "fixed" for estimator in self.estimators)
         ]
         text = "is fixed: it has no error in this mission, in truth neither, and its sigma is not used"
+        read = (getattr(one, "found", None) for one in (self.object.orbit, self.prior))
+        told = [notice for found in read if found is not None for notice in found.notices]
         doubts = [f"{t.name}: {doubt}" for t in self.telescopes for doubt in getattr(t.orbit, "doubts", ())]
-        return (*(f"{name} {text} (ignored or considered would count it)" for name in held), *doubts)
+        return (*(f"{name} {text} (ignored or considered would count it)" for name in held), *told, *doubts)
 
     def treatment(self, estimator: Estimator, group: str) -> Treatment:
         """What an estimator does with a group of dynamic parameters (`Parameter.group`)."""
@@ -262,10 +279,14 @@ class Mission(Block):
         """The prior as a covariance, from `prior.covariance` or, for `prior: orbit`, from the SBDB block."""
         if isinstance(self.prior, str):
             orbit = self.object.orbit
+            if self.prior == "orbit" and isinstance(orbit, FileOrbit):
+                return _of_file(orbit)
             if self.prior == "none" or not isinstance(orbit, SbdbOrbit):
                 return None
             names, matrix, epoch = orbit.covariance.labels, orbit.covariance.data, orbit.epoch
             frame = orbit.frame
+        elif self.prior.file is not None:
+            return _of_file(self.prior)
         elif self.prior.covariance is None or self.prior.names is None:
             return None
         else:
@@ -283,7 +304,7 @@ class Mission(Block):
     def joint_parameters(self) -> tuple[str, ...]:
         """Names among A1, A2, A3 that the prior's covariance contains."""
         prior = self.covariance_prior
-        return tuple(name for name in prior.names if name in NONGRAV_SCALE) if prior else ()
+        return tuple(n for n in prior.names if n not in COMETARY_SCALE | STATE_SCALE) if prior else ()
 
     def epochs(self) -> Iterable[tuple[tuple[str | int, ...], Epoch]]:
         """Every epoch at which the ephemeris is needed, with its path in the file; predictions may lie outside."""

@@ -4,7 +4,9 @@ import math
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, GetJsonSchemaHandler
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema
 
 from nebosvod.borders.treatment import Treatment
 from nebosvod.errors import InputError
@@ -22,6 +24,7 @@ from nebosvod.mission.fields import (
     Text,
     When,
 )
+from nebosvod.mission.found import FoundOrbit, without_found
 from nebosvod.mission.orbit import Frame
 from nebosvod.mission.yaml.inherit import MAX_TELESCOPES
 from nebosvod.timescale import Epoch
@@ -98,27 +101,47 @@ class Prior(Block):
     """What is known of the orbit before the first measurement: sigmas, or a covariance joint with A1..A3.
 
     Numbers of a covariance are in the units of its names: au, d (tp), deg for e q tp node peri i, as JPL prints
-    them; km and km/s for x y z vx vy vz; au/d^2 for A1 A2 A3.
+    them; km and km/s for x y z vx vy vz; au/d^2 for A1 A2 A3. That of a file is joint with all its orbit is known with.
     """
 
     sigma: SigmaPrior | None = None
+    file: Text | None = Field(None, description="An orbit whose covariance it is: as object.orbit of kind file")
+    found: FoundOrbit | None = None
     covariance: Matrix | None = None
     names: Several[str] | None = None
     epoch: When | None = Field(None, description="Of the covariance; the reference epoch when absent")
     frame: Frame | None = Field(None, description="Axes of the covariance; ecliptic_j2000 for elements when absent")
 
     def complaints(self) -> list[tuple[KeyPath, str]]:
-        """One of the two forms, complete."""
+        """One of the three forms, complete."""
+        if self.file is not None:
+            return self._beside("file", ("sigma", "covariance", "names", "epoch", "frame"))
         if self.sigma is not None:
-            rest = [n for n in ("covariance", "names", "epoch", "frame") if getattr(self, n) is not None]
-            return [((rest[0],), "stands beside sigma; keep one of the two forms")] if rest else []
+            return self._beside("sigma", ("covariance", "names", "epoch", "frame"))
         if self.covariance is None or self.names is None:
-            return [((), "needs either sigma {position, velocity}, or covariance and names")]
+            return [((), "needs sigma {position, velocity}, or covariance and names, or file")]
         try:
             scales(self.names, len(self.covariance))
         except InputError as error:
             return [(("names",), str(error))]
         return []
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, source: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        """The file alone is what a user writes."""
+        return without_found(handler.resolve_ref_schema(handler(source)))
+
+    def _beside(self, form: str, others: tuple[str, ...]) -> list[tuple[KeyPath, str]]:
+        """What stands beside one of the forms, and belongs to another."""
+        rest = [name for name in others if getattr(self, name) is not None]
+        return [((rest[0],), f"stands beside {form}; keep one of the two forms")] if rest else []
+
+    @property
+    def read(self) -> FoundOrbit:
+        """What is in the file."""
+        if self.found is None:
+            raise InputError(f"{self.file}: has not been read; load the mission from its file")
+        return self.found
 
 
 def scales(names: tuple[str, ...], size: int) -> Array:

@@ -23,6 +23,7 @@ from nebosvod.mission.fields import (
     UncertainPositive,
     UncertainRadius,
 )
+from nebosvod.mission.found import FileOrbit, parameter_of
 from nebosvod.mission.orbit import (
     INVERSE_SQUARE,
     WATER_ICE,
@@ -40,8 +41,11 @@ FOUR_THIRDS_PI = 4.1887902047863905
 # What is estimated in place of a quantity whose error is lognormal -> the quantity, as the force model names it
 LOGARITHMS = {"ln_radius": "radius_m", "ln_mass": "mass_kg", "ln_albedo": "albedo"}
 Orbit = Annotated[
-    CometaryOrbit | KeplerianOrbit | EquinoctialOrbit | StateOrbit | SbdbOrbit, Field(discriminator="kind")
+    CometaryOrbit | KeplerianOrbit | EquinoctialOrbit | StateOrbit | SbdbOrbit | FileOrbit, Field(discriminator="kind")
 ]
+
+
+WITH_COVARIANCE = (SbdbOrbit, FileOrbit)  # orbits that bring one, and perhaps A1..A3 and their law
 
 
 class Magnitude(Block):
@@ -210,11 +214,13 @@ class Target(Block):
     def _force_complaints(self) -> list[tuple[KeyPath, str]]:
         """A1 and radiation pressure are one column of the sensitivities (both fall as r^-2)."""
         nongrav = self.nongrav or Nongrav()
+        if self.has_radiation and isinstance(self.orbit, FileOrbit) and self.orbit.sphere:
+            return [(("orbit", "file"), "brings radius, mass and albedo of its own; remove those of the object")]
         absent = self._values_absent(nongrav)
         if absent:
             text = f"has {', '.join(absent)} but no value of it; paste model_pars too, or give object.nongrav"
             return [(("orbit", "covariance"), text)]
-        if "law" in nongrav.model_fields_set and isinstance(self.orbit, SbdbOrbit) and self.orbit.law is not None:
+        if "law" in nongrav.model_fields_set and isinstance(self.orbit, WITH_COVARIANCE) and self.orbit.law is not None:
             return [(("nongrav", "law"), "the orbit's model_pars say the law of its A1..A3; remove one of the two")]
         if not self.has_radiation:
             if nongrav.a1_residual is not None:
@@ -225,7 +231,9 @@ class Target(Block):
         like_radiation = self.nongrav_law["m"] == 2.0 and self.nongrav_law["k"] == 0.0
         if nongrav.A1 is not None and like_radiation:
             return [(("nongrav", "A1"), "A1 repeats the radiation pressure of radius, mass and albedo" + advice)]
-        from_orbit = isinstance(self.orbit, SbdbOrbit) and self.orbit.a1 is not None and nongrav.a1_residual is None
+        from_orbit = (
+            isinstance(self.orbit, WITH_COVARIANCE) and self.orbit.a1 is not None and nongrav.a1_residual is None
+        )
         if from_orbit and like_radiation:
             return [(("orbit",), "the orbit carries A1, which repeats the radiation pressure of the body" + advice)]
         diffuse = [p.key for p in self.radiation_parameters if p.treatment == "estimated" and p.sigma is None]
@@ -235,11 +243,12 @@ class Target(Block):
 
     def _values_absent(self, nongrav: Nongrav) -> list[str]:
         """A1..A3 in the covariance of an SBDB orbit whose values nobody says."""
-        if not isinstance(self.orbit, SbdbOrbit):
+        if not isinstance(self.orbit, WITH_COVARIANCE):
             return []
         said = [n for n in ("A1", "A2", "A3") if getattr(nongrav, n) or self.orbit.nongrav_value(n) is not None]
         said += ["A1"] if nongrav.a1_residual else []
-        return [n for n in self.orbit.covariance.labels if n in ("A1", "A2", "A3") and n not in said]
+        labels = self.orbit.labels if isinstance(self.orbit, FileOrbit) else self.orbit.covariance.labels
+        return [n for n in labels if n in ("A1", "A2", "A3") and n not in said]
 
     @property
     def has_radiation(self) -> bool:
@@ -256,10 +265,21 @@ class Target(Block):
     def radiation_parameters(self) -> tuple[Parameter, ...]:
         """radius_m, mass_kg, albedo (Bond), thermal_emission; empty without radiation pressure."""
         if not self.has_radiation:
-            return ()
+            return self._sphere_of_orbit()
         emission = self.thermal_emission or UncertainEmission(value=0.0)
         heat = _parameter("thermal_emission", "thermal_emission", emission)
         return (self._radius(), self._mass(), self._albedo(), heat)
+
+    def _sphere_of_orbit(self) -> tuple[Parameter, ...]:
+        """The same of a sphere that came with the orbit's file."""
+        sphere = self.orbit.sphere if isinstance(self.orbit, FileOrbit) else {}
+        return tuple(
+            Parameter(
+                name=parameter_of(group), group=group, key=group, value=value, sigma=None, treatment="fixed",
+                origin="orbit",
+            )
+            for group, value in sphere.items()
+        )  # fmt: skip
 
     @property
     def nongrav_parameters(self) -> tuple[Parameter, ...]:
@@ -282,7 +302,7 @@ class Target(Block):
                 found.append(parameter)
             elif item is not None:
                 found.append(_parameter(name, label, item))
-            elif isinstance(self.orbit, SbdbOrbit) and self.orbit.nongrav_value(label) is not None:
+            elif isinstance(self.orbit, WITH_COVARIANCE) and self.orbit.nongrav_value(label) is not None:
                 value = self.orbit.nongrav_value(label) or 0.0
                 found.append(
                     Parameter(
@@ -294,7 +314,7 @@ class Target(Block):
     @property
     def nongrav_law(self) -> dict[str, float]:
         """Constants of g(r) by the keywords of the force model: alpha, r0_au, m, n, k."""
-        if isinstance(self.orbit, SbdbOrbit) and self.orbit.law is not None:
+        if isinstance(self.orbit, WITH_COVARIANCE) and self.orbit.law is not None:
             return self.orbit.law
         said = self.nongrav.law if self.nongrav is not None else "inverse_square"
         if isinstance(said, Law):

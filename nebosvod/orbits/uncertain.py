@@ -101,6 +101,13 @@ class UncertainOrbit:
         """Root of the trace of the covariance of position."""
         return float(np.linalg.norm(self.factor[:3]))
 
+    @property
+    def parameters(self) -> dict[str, float]:
+        """Values of every parameter of its own forces, uncertain or not, by the names of the force model."""
+        sphere = {} if self.radiation is None else {n: getattr(self.radiation, n) for n in radiation_module.PARAMETERS}
+        own = {} if self.nongrav is None else {n: getattr(self.nongrav, n) for n in nongrav_module.PARAMETERS}
+        return {**sphere, **{name: value for name, value in own.items() if value or name in self.parameter_names}}
+
     def forces(self, ephemeris: Ephemeris) -> ForceModel:
         """The forces that act on it, with its uncertain parameters as the columns of zeta."""
         return ForceModel(

@@ -23,7 +23,6 @@ SCHEMA_VERSION = 1
 
 def orbit_row(orbit: UncertainOrbit) -> dict[str, Any]:
     """The orbit a folder was made from."""
-    values = {**_values(orbit.radiation), **_values(orbit.nongrav)}
     return {
         "origin": orbit.origin,
         "epoch_tdb": orbit.epoch.iso(),
@@ -33,14 +32,9 @@ def orbit_row(orbit: UncertainOrbit) -> dict[str, Any]:
         "factor": orbit.factor.tolist(),
         "sigma": orbit.sigma.tolist(),
         "sigma_position_km": orbit.sigma_position_km,
-        "parameters": {name: values[name] for name in orbit.parameter_names},
+        "parameters": {name: orbit.parameters[name] for name in orbit.parameter_names},
         "magnitude": None if orbit.magnitude is None else dict(zip(("H", "G"), orbit.magnitude, strict=True)),
     }
-
-
-def _values(force: Any) -> dict[str, float]:
-    """Fields of a force by name."""
-    return {} if force is None else {name: float(getattr(force, name)) for name in force.__dataclass_fields__}
 
 
 def result(

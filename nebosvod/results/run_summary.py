@@ -177,7 +177,7 @@ def physics(scene: Scene) -> dict[str, Any]:
     values = dict(parameter.quantity for parameter in mission.parameters)
     sphere = ("radius_m", "mass_kg", "albedo", "thermal_emission")
     radiation: Any = False
-    if mission.object.has_radiation:
+    if mission.object.radiation_parameters:
         radiation = {name: values[name] for name in sphere} | {"solar_irradiance_w_m2": SOLAR_IRRADIANCE_W_M2}
     magnitude = mission.object.magnitude
     plan, accelerations = mission.force_model, {name: value for name, value in values.items() if name not in sphere}

@@ -17,6 +17,7 @@ from nebosvod.dynamics.impact import carry
 from nebosvod.errors import InputError
 from nebosvod.estimation import Prior
 from nebosvod.mission import Mission
+from nebosvod.mission.found import parameter_of
 from nebosvod.mission.model import CovariancePrior
 from nebosvod.mission.reading.places import asking
 from nebosvod.mission.request import Prior as PriorBlock
@@ -192,7 +193,7 @@ def _parameter_entries(mission: Mission, parameters: list[Parameter]) -> tuple[E
 def _carried(mission: Mission, joint: CovariancePrior, forces: ForceModel, state: Array) -> tuple[Entry, ...]:
     """The prior orbit carried from its epoch to the reference epoch, with all that becomes correlated on the way."""
     free = {parameter.name: parameter for parameter in mission.free_parameters}
-    labels = {f"{name.lower()}_au_d2": name for name in joint.names if f"{name.lower()}_au_d2" in free}
+    labels = {parameter_of(name): name for name in joint.names if parameter_of(name) in free}
     orbit_names = COMETARY_NAMES if joint.representation == "cometary" else CARTESIAN_NAMES
     order = [joint.names.index(name) for name in (*orbit_names, *labels.values())]
     given = joint.covariance[np.ix_(order, order)]

@@ -212,7 +212,7 @@ def force_model(mission: Mission, ephemeris: Ephemeris) -> ForceModel:
     value = dict(parameter.quantity for parameter in mission.parameters)
     nongrav = {name: value[name] for name in ("a1_au_d2", "a2_au_d2", "a3_au_d2") if name in value}
     radiation = None
-    if mission.object.has_radiation:
+    if mission.object.radiation_parameters:
         names = ("radius_m", "mass_kg", "albedo", "thermal_emission")
         radiation = RadiationPressure(**{name: value[name] for name in names})
     plan = mission.force_model

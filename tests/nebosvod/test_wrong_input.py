@@ -215,7 +215,7 @@ CASES = [
     case(0, "correlation: white", "correlation: gauss_markov", "position:", "telescopes[0].position.time: is missing"),
     case(0, "correlation: white", "correlation: white, time: 6 h", "6 h", "belongs to gauss_markov only"),
     case(0, "prior: none", "prior: nine", "nine", "allowed none, orbit"),
-    case(0, "prior: none", "prior: orbit", "orbit", "only kind sbdb carries one"),
+    case(0, "prior: none", "prior: orbit", "orbit", "only kinds sbdb and file carry one"),
     case(
         0,
         "prior: none",

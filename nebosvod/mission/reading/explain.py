@@ -10,6 +10,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from nebosvod.mission.fields import Complaints, KeyPath
+from nebosvod.mission.found import FOUND
 from nebosvod.mission.model import Mission
 from nebosvod.mission.yaml.inherit import Aliases, original
 from nebosvod.mission.yaml.yamlfile import Mark, Problem, Tree, YamlFile, dotted, shown
@@ -149,13 +150,17 @@ class Explainer:
         value: Any = self.tree
         path: list[int | str] = []
         rest: list[int | str] = []
+        tagged = False  # whether the union tag of this block has been passed: it comes first, and may be a key's name
         for part in location:
+            if not tagged and isinstance(value, dict) and part in (value.get("kind"), value.get("plane")):
+                tagged = True
+                continue
             inside_block = isinstance(value, dict) and isinstance(part, str) and part in value
             inside_list = isinstance(value, list) and isinstance(part, int) and part < len(value)
             if not rest and (inside_block or inside_list):
-                value = value[part]
+                value, tagged = value[part], False
                 path.append(part)
-            elif not (isinstance(value, dict) and part in (value.get("kind"), value.get("plane"), "block", "word")):
+            elif not (isinstance(value, dict) and part in ("block", "word")):
                 rest.append(part)
         return tuple(path), tuple(rest)
 
@@ -184,7 +189,11 @@ def _keys_at(root: type[BaseModel], location: tuple[int | str, ...]) -> list[str
         fields = [_field(model, part) for model in models]
         found = [model for annotation in fields if annotation is not None for model in _models(annotation)]
         models = found or [model for model in models if part in _tags(model)] or models
-    return list(dict.fromkeys(field.alias or name for model in models for name, field in model.model_fields.items()))
+    return [
+        key
+        for key in dict.fromkeys(field.alias or name for model in models for name, field in model.model_fields.items())
+        if key != FOUND
+    ]
 
 
 def _field(model: type[BaseModel], key: str) -> Any:

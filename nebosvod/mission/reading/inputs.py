@@ -3,16 +3,19 @@
 from pathlib import Path
 from typing import Any
 
-from nebosvod.errors import InputError
+from nebosvod.errors import InputError, NebosvodError
 from nebosvod.mission.fields import KeyPath
+from nebosvod.mission.found import SPHERE, STATE_LABELS, parameter_of
 from nebosvod.mission.yaml.inherit import MAX_TELESCOPES
 from nebosvod.mission.yaml.yamlfile import Tree, parse_yaml, read_text, shown
 
 Complaint = tuple[KeyPath, str]
+LABELS = ("A1", "A2", "A3", *SPHERE)
+LAW = ("alpha", "r0_au", "m", "n", "k")
 
 
-def inside(folder: Path | None, text: object) -> Path:
-    """The file that `text` names below `folder`.
+def inside(folder: Path | None, text: object, *, folders: bool = False) -> Path:
+    """The file that `text` names below `folder`; with `folders` it may be a folder too.
 
     Raises
     ------
@@ -28,7 +31,7 @@ def inside(folder: Path | None, text: object) -> Path:
     try:
         home = folder.resolve()
         path = (home / text).resolve()
-        there = path.is_file()
+        there = path.is_file() or (folders and path.is_dir())
     except (OSError, RuntimeError, ValueError) as error:
         raise InputError(f'is not a usable file name (got "{shown(text, 80)}": {shown(str(error))})') from None
     if not path.is_relative_to(home):
@@ -63,6 +66,8 @@ def resolve_files(tree: dict[str, Tree], folder: Path | None) -> tuple[dict[str,
         except InputError as error:
             found.append((("object", "orbit", "file"), str(error)))
         tree = {**tree, "object": {**target, "orbit": orbit}}
+    tree, complaints = _orbit_files(tree, folder)
+    found += complaints
     if isinstance(tree.get("fit"), dict):
         plan, complaints = _fit_files(tree["fit"], folder)
         tree, found = {**tree, "fit": plan}, [*found, *complaints]
@@ -93,6 +98,59 @@ def _fit_files(plan: Any, folder: Path | None) -> tuple[dict[str, Any], list[Com
         except InputError as error:
             found.append((("fit", "reference", "orbit", "file"), str(error)))
     return plan, found
+
+
+def _orbit_files(tree: dict[str, Any], folder: Path | None) -> tuple[dict[str, Any], list[Complaint]]:
+    """The tree with what is in the orbit files of object, prior and reference; brightness of the object's too."""
+    found: list[Complaint] = []
+    for path in (("object", "orbit"), ("prior",), ("fit", "reference", "orbit")):
+        block = _at(tree, path)
+        if block is None or block.get("file") is None or block.get("kind", "file") != "file" or block.get("found"):
+            continue
+        try:
+            read, magnitude = _orbit_of(inside(folder, block["file"], folders=True))
+        except NebosvodError as error:
+            found.append(((*path, "file"), str(error)))
+            continue
+        tree = _put(tree, path, {**block, "found": read})
+        if path[0] == "object" and magnitude is not None and "magnitude" not in tree["object"]:
+            tree = _put(tree, ("object",), {**tree["object"], "magnitude": magnitude})
+    return tree, found
+
+
+def _at(tree: Any, path: KeyPath) -> dict[str, Any] | None:
+    """The block at a path, if there is one."""
+    for step in path:
+        tree = tree.get(step) if isinstance(tree, dict) else None
+    return tree if isinstance(tree, dict) else None
+
+
+def _put(tree: dict[str, Any], path: KeyPath, block: dict[str, Any]) -> dict[str, Any]:
+    """A copy of the tree with another block at a path."""
+    head, rest = str(path[0]), path[1:]
+    return {**tree, head: _put(tree[head], rest, block) if rest else block}
+
+
+def _orbit_of(path: Path) -> tuple[dict[str, Any], dict[str, float] | None]:
+    """What a block of the mission says for the orbit of a file or folder, and its brightness."""
+    from nebosvod.orbits.reading import KNOWN, read_orbit_file  # loads the stages
+
+    orbit = read_orbit_file(path)
+    if orbit is None:
+        raise InputError(f"holds no orbit that is read; it may be {KNOWN}")
+    label_of = {parameter_of(label): label for label in LABELS}
+    values = {label_of[name]: value for name, value in orbit.parameters.items()}
+    read = {
+        "epoch": [orbit.epoch.day, orbit.epoch.fraction],
+        "state": orbit.state.tolist(),
+        "labels": [*STATE_LABELS, *(label_of[name] for name in orbit.parameter_names)],
+        "factor": orbit.factor.tolist(),
+        "values": values,
+        "notices": list(orbit.notices),
+        **({} if orbit.nongrav is None else {"law": {key: getattr(orbit.nongrav, key) for key in LAW}}),
+    }
+    magnitude = None if orbit.magnitude is None else dict(zip(("H", "G"), orbit.magnitude, strict=True))
+    return read, magnitude
 
 
 def _with_file(orbit: dict[str, Any], folder: Path | None) -> dict[str, Any]:

@@ -12,6 +12,7 @@ from pathlib import Path
 from nebosvod.errors import DataError, InputError
 from nebosvod.mission.fields import KeyPath
 from nebosvod.mission.fit import FitMission
+from nebosvod.mission.found import FileOrbit, parameter_of
 from nebosvod.mission.model import Mission
 from nebosvod.mission.orbit import SbdbOrbit
 from nebosvod.mission.request import FROM_A_PRIOR, OWN_GAIN, PARAMETER_GROUPS, Estimator, Prior, SkyPrediction
@@ -235,8 +236,8 @@ def shipped_span() -> tuple[str, str]:
 
 def _prior(mission: Mission) -> Iterator[Complaint]:
     """A joint prior covers only what is estimated, and nothing twice."""
-    if mission.prior == "orbit" and not isinstance(mission.object.orbit, SbdbOrbit):
-        text = "orbit means the covariance that came with the orbit, and only kind sbdb carries one"
+    if mission.prior == "orbit" and not isinstance(mission.object.orbit, SbdbOrbit | FileOrbit):
+        text = "orbit means the covariance that came with the orbit, and only kinds sbdb and file carry one"
         yield ("prior",), f"{text} (got kind {mission.object.orbit.kind})"
         return
     source = mission.object.orbit.covariance if isinstance(mission.object.orbit, SbdbOrbit) else None
@@ -259,7 +260,7 @@ def _prior(mission: Mission) -> Iterator[Complaint]:
     yield from _diffuse(mission)
     given = {p.name: p for p in mission.parameters}
     for name in joint:
-        parameter = given.get(f"{name.lower()}_au_d2")
+        parameter = given.get(parameter_of(name))
         if parameter is None:
             yield place, f"{name} is in the prior but not in object.nongrav; give it a value there"
         elif parameter.treatment != "estimated":
@@ -276,7 +277,7 @@ def _diffuse(mission: Mission) -> Iterator[Complaint]:
     prior = mission.covariance_prior
     if prior is None or isinstance(mission, FitMission) or prior.epoch == mission.reference_epoch:
         return
-    joint = {f"{name.lower()}_au_d2" for name in prior.names}
+    joint = {parameter_of(name) for name in prior.names}
     diffuse = [p.key for p in mission.free_parameters if p.sigma is None and p.name not in joint]
     if diffuse:
         text = f"is of {prior.epoch}, not of the reference epoch, and {', '.join(diffuse)} has no sigma"
@@ -319,7 +320,7 @@ def _method(mission: Mission, index: int, estimator: Estimator) -> Iterator[Comp
         yield place, f"{text}, or use recursive, which does without"
     treatment = {p.group: mission.treatment(estimator, p.group) for p in mission.parameters}
     own = {s.name: mission.source_treatment(estimator, s) for s in mission.sources}
-    joint = {f"{name.lower()}_au_d2" for name in mission.joint_parameters}
+    joint = {parameter_of(name) for name in mission.joint_parameters}
     sized = {p.group: p.sigma is not None or p.name in joint for p in mission.parameters}
     sized |= {s.name: s.error.has_sigma for s in mission.sources}
     lacking = [name for name, what in (treatment | own).items() if what in ("estimated", "considered")]
