@@ -58,6 +58,9 @@ def described(code: str) -> str:
     return f"{code} ({codes()[code]['Name']})"
 
 
+NO_CODE = "is none of the observatory codes that the MPC has given out"
+
+
 @lru_cache(maxsize=4096)
 def unknown(code: str) -> str:
     """What to say after a code that does not exist."""

@@ -180,7 +180,7 @@ def _stations(cells: Cells) -> Texts:
     for row, code in enumerate(codes):
         if code in unknown:
             # looking for what was meant takes 8 ms, and of many wrong codes only the first are shown
-            cells.wrong(row, "stn", "" if cells.source.full else obscodes.unknown(code))
+            cells.wrong(row, "stn", obscodes.NO_CODE if cells.source.full else obscodes.unknown(code))
     return np.array(codes)
 
 

@@ -183,7 +183,7 @@ def _take(source: SourceFile, rows: _Rows, number: int, line: str, place: Array)
     text = {name: line[start:end].strip() for name, (start, end) in COLUMNS.items()}
     values = {name: _number(source, number, name, text[name]) for name in NUMBERS}
     if not obscodes.known(text["observatory"]):
-        told = "" if source.full else obscodes.unknown(text["observatory"])
+        told = obscodes.NO_CODE if source.full else obscodes.unknown(text["observatory"])
         source.problem(number, f'columns 181-183 "{text["observatory"]}": {told}')
     elif obscodes.needs_position(text["observatory"]) and np.isnan(place).any() and not source.problems:
         name = obscodes.described(text["observatory"])

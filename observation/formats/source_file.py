@@ -6,8 +6,9 @@ import re
 import stat
 import zlib
 from pathlib import Path
+from typing import NamedTuple
 
-from nebosvod.errors import DataError, InputError
+from nebosvod.errors import DataError, InputError, listed
 
 LARGEST_BYTES = 32_000_000  # unpacked; the longest list of one object has 3
 MOST_LINES = 250_000
@@ -18,6 +19,20 @@ TOO_LONG = re.compile(rb"[^\n]{%d}" % (LONGEST_LINE + 1))
 HEAD_BYTES, HEAD_LINES = 10_000_000, 1000  # where the names of columns are looked for
 LINES_OF_XML = 20  # of one record
 MOST_PROBLEMS = 20
+VALUES = re.compile(r'"[^"]*"|\d+(?:\.\d+)?')  # what differs between things that are wrong in one way
+
+
+class Problem(NamedTuple):
+    """The first of things that are wrong in one way, and the lines of all."""
+
+    text: str
+    lines: list[int]
+
+    @property
+    def again(self) -> str:
+        """Where else, for the end of a sentence."""
+        others = [str(line) for line in dict.fromkeys(self.lines[1:]) if line != self.lines[0]]
+        return f"; so too line{'s' * (len(others) > 1)} {listed(others)}" if others else ""
 
 
 class SourceFile:
@@ -36,8 +51,8 @@ class SourceFile:
 
     def __init__(self, name: str, data: bytes) -> None:
         self.name = name
-        self.problems: list[str] = []
-        self.unsaid = 0
+        self.problems: dict[str, Problem] = {}
+        self.noted = self.unsaid = 0
         if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
             raise InputError(f"{name}:1: UTF-16 byte order mark (byte 0x{data[0]:02X}); save the file as UTF-8")
         self.data = data.removeprefix(b"\xef\xbb\xbf").replace(b"\r\n", b"\n").replace(b"\r", b"\n")
@@ -81,13 +96,17 @@ class SourceFile:
 
     @property
     def full(self) -> bool:
-        """Whether further problems will only be counted."""
-        return len(self.problems) >= MOST_PROBLEMS
+        """Whether so much was noted that hints, which take their time, are for nobody any more."""
+        return self.noted >= MOST_PROBLEMS
 
     def problem(self, line: int, text: str) -> None:
-        """Note one thing that is wrong; beyond the first twenty they are only counted."""
-        if not self.full:
-            self.problems.append(f"{self.name}:{line}: {text}")
+        """Note one thing that is wrong; of things of one kind, and beyond the first twenty kinds, lines are counted."""
+        self.noted += 1
+        kind = VALUES.sub("#", text)
+        if kind in self.problems:
+            self.problems[kind].lines.append(line)
+        elif len(self.problems) < MOST_PROBLEMS:
+            self.problems[kind] = Problem(text, [line])
         else:
             self.unsaid += 1
 
@@ -102,14 +121,15 @@ class SourceFile:
         Raises
         ------
         InputError
-            If anything was noted: one line each, in the order of the file.
+            If anything was noted: one line for each kind, causes before what follows from them.
         """
         if self.problems:
             raise self._all()
 
     def _all(self) -> InputError:
+        said = [f"{self.name}:{one.lines[0]}: {one.text}{one.again}" for one in self.problems.values()]
         more = [f"{self.name}: and {self.unsaid} more"] if self.unsaid else []
-        return InputError("\n".join([*self.problems, *more]))
+        return InputError("\n".join([*said, *more]))
 
 
 def read_source(path: str | Path) -> SourceFile:
