@@ -1,15 +1,24 @@
 """The documentation as a site: Sphinx, MyST and the furo theme. Build it with `make docs`."""
 
 import re
-from importlib.metadata import version as installed
 from typing import Any
+
+from nebosvod.version import __version__
 
 project = "nebosvod"
 author = "the nebosvod developers"
 copyright = "the nebosvod developers"
-version = release = installed("nebosvod")
+version = release = __version__
 
-extensions = ["myst_parser"]
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+autodoc_default_options = {"members": True, "member-order": "bysource", "exclude-members": "model_config"}
+autodoc_typehints = "none"  # an array has a shape and a unit, which stand in the docstring
+autodoc_preserve_defaults = True
+napoleon_google_docstring = False
+napoleon_use_ivar = True
+napoleon_attr_annotations = False
+napoleon_use_param = True
+default_role = "code"
 myst_enable_extensions = ["dollarmath", "colon_fence"]
 myst_heading_anchors = 3
 myst_fence_as_directive = ["math"]
@@ -36,6 +45,37 @@ def _adapt(app: Any, name: str, source: list[str]) -> None:
         source[0] += "\n".join(["\n\n```{toctree}", ":hidden:", *pages, "```", ""])
 
 
+ENTRY = re.compile(r"^([\w*, ]+) : (.*)$")
+SECTIONS = ("Parameters", "Attributes", "Returns")
+
+
+def _plain(app: Any, what: str, name: str, thing: Any, options: Any, lines: list[str]) -> None:
+    """Make a docstring of this project, meant to be read in the editor, one that napoleon reads as it is meant.
+
+    What follows the colon of a parameter says what it is, in words, and is no type; a bar is an absolute value; what is
+    indented below a line that ends with a colon stands as it is.
+    """
+    made: list[str] = []
+    section, block = "", False
+    for line, below in zip(lines, [*lines[1:], ""]):
+        if below and set(below) == {"-"}:
+            section = line.strip()
+        if block and line.strip() and not line.startswith("    "):
+            made, block = [*made, ""], False
+        if block:
+            made.append(line)
+            continue
+        entry, text = ENTRY.match(line), line.replace("|", "\\|")
+        if entry and section in SECTIONS:
+            made += [entry[1], f"    {text.partition(' : ')[2]}"]
+        elif line.endswith(":") and below.startswith("    ") and section not in (*SECTIONS, "Raises"):
+            made, block = [*made, f"{text}:", ""], True
+        else:
+            made.append(text)
+    lines[:] = made
+
+
 def setup(app: Any) -> None:
     """Sphinx calls this once."""
     app.connect("source-read", _adapt)
+    app.connect("autodoc-process-docstring", _plain, priority=400)  # before napoleon

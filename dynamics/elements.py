@@ -1,9 +1,10 @@
 """Orbital elements <-> Cartesian states, with Jacobians, for all eccentricities.
 
-cometary    [e, q_km, tp_s, node, peri, i]   any e >= 0; tp: perihelion passage, seconds after the epoch of the state
-keplerian   [a_km, e, i, node, peri, M]      e != 1; a < 0 for hyperbolas
-equinoctial [a_km, h, k, p, q, lambda]       e < 1; h + i k = e exp(i(pi/2 - varpi)) (h = e sin varpi, k = e cos varpi),
-                                             p = tan(i/2) sin node, q = tan(i/2) cos node, lambda = M + varpi
+The three kinds, in this order:
+    cometary    [e, q_km, tp_s, node, peri, i]  any e >= 0; tp: perihelion passage, seconds after the epoch of the state
+    keplerian   [a_km, e, i, node, peri, M]     e != 1; a < 0 for hyperbolas
+    equinoctial [a_km, h, k, p, q, lambda]      e < 1; h = e sin varpi, k = e cos varpi,
+                                                p = tan(i/2) sin node, q = tan(i/2) cos node, lambda = M + varpi
 Angles in rad, states in km and km/s, both on the axes of the elements (no rotation here: see frames.py). Of the angles
 that follow from a state, node, peri and lambda lie in [0, 2 pi), i in [0, pi], the M of an ellipse within pi of zero.
 All three go through perifocal coordinates in universal variables, which lose nothing at e = 1 (twobody.py). Jacobians

@@ -276,7 +276,7 @@ class Mission(Block):
 
     @property
     def covariance_prior(self) -> CovariancePrior | None:
-        """The prior as a covariance, from `prior.covariance` or, for `prior: orbit`, from the SBDB block."""
+        """The prior as a covariance, from `prior.covariance` or, for the prior `orbit`, from the SBDB block."""
         if isinstance(self.prior, str):
             orbit = self.object.orbit
             if self.prior == "orbit" and isinstance(orbit, FileOrbit):

@@ -33,4 +33,4 @@ def suggestion(name: str) -> str:
     """What to do about a name that is not one of ADES."""
     exact = BY_LOWER_CASE.get(name.lower())
     near = [exact] if exact else difflib.get_close_matches(name, sorted(NAMES), 1, 0.6)
-    return f'did you mean "{near[0]}"?' if near else "delete it, or see the list of ADES names in docs/astrometry.md"
+    return f'did you mean "{near[0]}"?' if near else "delete it, or see the list of ADES names in docs/fit.md"
