@@ -5,23 +5,15 @@ all sources of this folder, so that an edit anywhere recompiles and a stale kern
 """
 
 import hashlib
-import warnings
 from collections.abc import Callable
-from functools import lru_cache
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import Any, cast
 
-import numba
 import numpy as np
 from numba.core.registry import CPUDispatcher
 
-from nebosvod.errors import NebosvodNotice
+from nebosvod.borders.compiled import FASTMATH, Function, compiled
 
-Function = TypeVar("Function", bound=Callable[..., Any])
-
-# contract: fused multiply-add; arcp: one reciprocal instead of divisions; nsz: the sign of zero is free. Nothing that
-# reorders sums: compensated summation must survive.
-FASTMATH = {"contract", "arcp", "nsz"}
 # Numbers given to kernels as arguments: a plain constant would be another type, and the kernel compiled for it as well
 SUN, EARTH, STATE_ROWS = cast(int, np.int64(0)), cast(int, np.int64(3)), cast(int, np.int64(3))
 LANES = 8  # nodes of one collocation step; vectors at n <= 8 moments are flat: x at [l], y at [8 + l], z at [16 + l]
@@ -54,12 +46,12 @@ def inlined_kernel(function: Function) -> Function:
     A call that hands over a `Work` copies forty arrays, 0.1 us, as much as the work; and translating arguments from
     Python for fifty functions would be a fifth of the time of compilation.
     """
-    compiled: Any = _compiled(
+    made: Any = _compiled(
         function, cache=False, fastmath=FASTMATH, forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True
     )
-    if isinstance(compiled, CPUDispatcher):
-        compiled.__class__ = _Inlined  # else a call from Python would end the process
-    result: Function = compiled
+    if isinstance(made, CPUDispatcher):
+        made.__class__ = _Inlined  # else a call from Python would end the process
+    result: Function = made
     return result
 
 
@@ -83,28 +75,7 @@ def exact_kernel(function: Function) -> Function:
 
 def _compiled(function: Function, cache: bool = True, **options: Any) -> Function:
     """Hand the function to numba, with the stamp of all sources on its cache."""
-    options = {"_nrt": False, "error_model": "numpy", "nogil": True, **options}
-    try:
-        compiled: Any = numba.njit(cache=cache, **options)(function)
-    except RuntimeError:  # numba found no folder for its cache: neither beside the sources nor in the user's
-        compiled = numba.njit(cache=False, **options)(function)
-        _tell_without_cache()
-    index: Any = getattr(getattr(compiled, "_cache", None), "_cache_file", None)
-    if hasattr(index, "_source_stamp"):
-        index._source_stamp = (index._source_stamp, _DIGEST)
-    result: Function = compiled
-    return result
-
-
-@lru_cache(maxsize=1)
-def _tell_without_cache() -> None:
-    """Say once why every start takes long."""
-    warnings.warn(
-        f"{Path(__file__).parent} is read-only and there is no cache folder, so compiled kernels cannot be kept: "
-        "every start compiles them anew, half a minute; name a folder in NUMBA_CACHE_DIR",
-        NebosvodNotice,
-        stacklevel=2,
-    )
+    return compiled(function, stamp=_DIGEST, cache=cache, **options)
 
 
 def is_compiled(function: Callable[..., Any]) -> bool:

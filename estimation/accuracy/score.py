@@ -17,6 +17,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import chdtrc, chdtri, ndtr, ndtri
 
+from nebosvod.estimation.accuracy.score_loops import CLEAR, UNSEEN, add_products, scored
+
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 Rows = npt.NDArray[np.int64]
@@ -25,8 +27,6 @@ TRIMS = 4
 FEW = 8  # measurements, below which none is trimmed
 FEW_FREE = 20  # degrees of freedom, below which the scatter of the residuals may enlarge a variance, never lessen it
 CLUSTERS = 10  # fewer do not tell a variance
-CLEAR = 1e-4  # pivot of scaled information, below which it may be singular
-UNSEEN = 1e-9  # of its information that the other parameters leave to one: it cannot be told from them
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -121,20 +121,53 @@ def score_test(
     trusting = everyone or inside.mean() <= 0.5  # else gross errors would lead
     used = np.ones(len(q), dtype=np.bool_) if trusting else inside.copy()
     rows = np.concatenate([B, G, q[:, :, None]], axis=2)
+    told = _by_loops(rows, information, slope, inside, used.copy(), cluster)
+    if told is not None:
+        return told
     without = _gram(rows[inside])  # of what the estimate is made of already
     others = information - without[: len(slope), : len(slope)], slope - without[: len(slope), -1]
     found = _solved(rows, *others, used)
-    middle = float(np.sqrt(chdtri(q.shape[1], 0.5)))
     for _ in range(TRIMS if len(q) >= FEW else 0):
         if found is None:
             return None
         size = np.sqrt(np.sum(found.left**2, axis=1))
-        kept = size <= TRIMMED * max(float(np.median(size[used])), 1e-300) / middle
+        kept = size <= TRIMMED * max(float(np.median(size[used])), 1e-300) / _middle(q.shape[1])
         if np.array_equal(kept, used) or kept.sum() <= len(q) // 2:
             break
         used = kept
         found = _solved(rows, *others, used)
     return None if found is None else _judged(found, B[used], G[used], cluster[used], used)
+
+
+def _by_loops(rows: Array, information: Array, slope: Array, inside: Flags, used: Flags, cluster: Rows) -> Score | None:
+    """The test by compiled loops; None where a matrix may be singular."""
+    (m, p, w), s = rows.shape, len(slope)
+    k = w - s - 1
+    which = cluster if 0 <= cluster.min() <= cluster.max() < m else np.unique(cluster, return_inverse=True)[1].ravel()
+    c = int(which.max()) + 1
+    others = np.zeros((w, w))
+    others[:s, :s], others[-1, :s] = information, slope
+    without = np.zeros((w, w))
+    add_products(rows, inside, -1.0, without)
+    others[:s, :s] += without[:s, :s]
+    others[-1, :s] += without[-1, :s]
+    estimate, covariance, told = np.empty(k), np.empty((k, k)), np.empty(3)
+    found = scored(
+        rows, s, others, used, which, TRIMS if m >= FEW else 0, TRIMMED / _middle(p), FEW_FREE, CLUSTERS,
+        np.empty((w, w)), np.empty((w, w)), np.zeros((k, k)), np.zeros((k, k)), np.empty((m, p)), np.empty(m + k),
+        np.zeros(c), np.zeros(c), np.zeros((c, k)), estimate, covariance, told,
+    )  # fmt: skip
+    if not found:
+        return None
+    statistic, explained, scatter = told.tolist()
+    return Score(
+        estimate=estimate, covariance=covariance, statistic=statistic, explained=explained, used=used, scatter=scatter
+    )
+
+
+def _middle(p: int) -> float:
+    """Median length of p normal numbers."""
+    return float(np.sqrt(chdtri(p, 0.5)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

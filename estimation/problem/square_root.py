@@ -16,6 +16,7 @@ Array = npt.NDArray[np.float64]
 
 EPS = float(np.finfo(np.float64).eps)
 ALIKE = 64.0  # rows and columns of a matrix whose largest elements differ less need no balancing
+STACKED = 16  # chunks of rows that are reduced in one call
 OBSERVABLE_CONDITION = 1e13  # above this the smallest singular value is round-off of the largest
 
 
@@ -94,11 +95,16 @@ def gram_factor(gram: Array) -> Array:
 def append_rows(triangle: Array, rows: Array, chunk: int = 256) -> Array:
     """Reduce [triangle; rows] (., w) to upper trapezoidal form by Householder QR, a chunk at a time.
 
-    The memory beyond the rows is one chunk, and time is linear in the number of rows. LAPACK wakes all threads for more
-    than about 500 rows, which costs twenty times the work itself on a busy machine.
+    The memory beyond the rows is a few chunks, and time is linear in the number of rows. LAPACK wakes all threads for
+    more than about 500 rows, which costs twenty times the work itself on a busy machine.
     """
-    chunk = max(chunk, 4 * rows.shape[1])  # the triangle is taken along each time
-    for start in range(0, rows.shape[0], chunk):
+    width = rows.shape[1]
+    chunk = max(chunk, 4 * width)  # the triangle is taken along each time
+    whole = len(rows) // chunk if len(rows) >= 2 * chunk else 0
+    for first in range(0, whole, STACKED):  # a triangle of each chunk in one call, then one of these
+        part = rows[first * chunk : min(first + STACKED, whole) * chunk].reshape(-1, chunk, width)
+        triangle = append_rows(triangle, np.asarray(np.linalg.qr(part, mode="r")).reshape(-1, width), chunk)
+    for start in range(whole * chunk, len(rows), chunk):
         triangle = np.asarray(np.linalg.qr(np.vstack([triangle, rows[start : start + chunk]]), mode="r"))
     return triangle
 

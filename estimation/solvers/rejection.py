@@ -86,10 +86,32 @@ def chi_squared(residual: Array, R: Array, H: Array, S: Array, selected: Flags) 
     whitened = np.concatenate([residual[:, :, None], H @ S], axis=2)
     solve_rows(L, whitened)
     q, G = whitened[:, :, 0], whitened[:, :, 1:]
-    leverage, axes = np.linalg.eigh(projected(G, np.eye(G.shape[2])[None]))
-    share = np.where(selected[:, None], np.maximum(1.0 - leverage, LEAST_SHARE), 1.0 + leverage)
-    chi2: Array = np.sum(np.einsum("npk,np->nk", axes, q) ** 2 / share, axis=1)
+    leverage = projected(G, np.eye(G.shape[2])[None])
+    if q.shape[1] == 2:
+        return _of_two(q, leverage, selected)
+    values, axes = np.linalg.eigh(leverage)
+    chi2: Array = np.sum(np.einsum("npk,np->nk", axes, q) ** 2 / _share(values, selected[:, None]), axis=1)
     return chi2
+
+
+def _share(leverage: Array, selected: Flags) -> Array:
+    """What is left of the noise variance in a residual, along an axis of such leverage."""
+    return np.where(selected, np.maximum(1.0 - leverage, LEAST_SHARE), 1.0 + leverage)
+
+
+def _of_two(q: Array, leverage: Array, selected: Flags) -> Array:
+    """q^T f(A) q for leverages A (n, 2, 2), f the inverse of what is left of the variance.
+
+    On two eigenvalues f is a straight line, so f(A) needs no eigenvectors, a stack of which takes ten times as long.
+    """
+    a, b, c = leverage[:, 0, 0], leverage[:, 1, 0], leverage[:, 1, 1]
+    middle, apart = 0.5 * (a + c), np.hypot(0.5 * (a - c), b)
+    smaller = np.maximum(middle - apart, 0.0)
+    low, high = 1.0 / _share(smaller, selected), 1.0 / _share(middle + apart, selected)
+    slope = np.divide(high - low, middle + apart - smaller, out=np.zeros_like(apart), where=apart > 0.0)
+    square, along = q[:, 0] ** 2, q[:, 1] ** 2
+    turned = a * square + 2.0 * b * q[:, 0] * q[:, 1] + c * along - smaller * (square + along)
+    return np.asarray(low * (square + along) + slope * turned, dtype=np.float64)
 
 
 def reselect(chi2: Array, selected: Flags, thresholds: Thresholds, least: int, held: Flags | None = None) -> Flags:

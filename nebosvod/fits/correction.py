@@ -105,7 +105,8 @@ def correct(
     x : shape (6 + m,), start: heliocentric ICRF state at the epoch of the sky, and a value for each of
         `forces.parameters`.
     selected : shape (n,), which observations count; all by default.
-    near : an earlier correction of the same sky: its steps, ephemeris nodes and light times are used again.
+    near : an earlier correction of the same directions and forces, whose steps, ephemeris nodes and light times are
+        used again; where it stands at x, its orbit.
 
     Raises
     ------
@@ -152,10 +153,13 @@ def _at(
     sky: Sky, x: Array, forces: ForceModel, chosen: Flags, prior: Knowledge | None, near: Correction | Point | None
 ) -> Point:
     """Propagate, look, and whiten the rows [H | v] of the chosen observations and of the prior."""
-    model = forces.with_values(dict(zip(forces.parameters, x[6:].tolist()))) if forces.parameters else forces
-    grid, tau = (None, None) if near is None else (near.trajectory, near.seen.tau)
-    trajectory = fly(x[:6], sky.epoch, sky.span_s, model, grid)
-    seen = look(trajectory, sky, tau)
+    if near is not None and np.array_equal(x, near.x):  # only weights and selection are others
+        trajectory, seen = near.trajectory, near.seen
+    else:
+        model = forces.with_values(dict(zip(forces.parameters, x[6:].tolist()))) if forces.parameters else forces
+        grid, tau = (None, None) if near is None else (near.trajectory, near.seen.tau)
+        trajectory = fly(x[:6], sky.epoch, sky.span_s, model, grid)
+        seen = look(trajectory, sky, tau)
     size = len(x)
     rows = np.empty((len(sky), 2, size + 1))
     rows[:, :, :size] = seen.H

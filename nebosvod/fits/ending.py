@@ -145,7 +145,10 @@ def _vague(general: General, material: Material) -> str:
     far = unknown_distance(general.scene, general.fit)
     if far:
         return f"{Status.NOT_OBSERVABLE.sentence} The arc of {arc} does not tell how far the object is: {far}."
-    elements, jacobian = state_to_cometary(general.fit.point.state, general.scene.ephemeris.gm_km3_s2["sun"])
+    state, gm = general.fit.point.state, general.scene.ephemeris.gm_km3_s2["sun"]
+    if 0.5 * float(state[3:] @ state[3:]) < gm / float(np.linalg.norm(state[:3])):
+        return ""
+    elements, jacobian = state_to_cometary(state, gm)
     spread = float(np.linalg.norm(jacobian[0] @ estimate.factor(STATE_NAMES)))
     if elements[0] >= 1.0 and elements[0] - 1.0 < UNBOUND * spread:
         return (

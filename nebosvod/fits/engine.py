@@ -119,7 +119,7 @@ def fit_object(
         wide = widened(resolved, material, sky, lean_forces, lean.correction.state)
         lean = select(
             wide, lean.correction.x, lean_forces, thresholds, selected=lean.selected, prior=prior,
-            limit=mission.fit.iterations,
+            near=lean.correction, limit=mission.fit.iterations,
         )  # fmt: skip
     say(f"{designation}: asking every station for shared errors")
     course = Course(
@@ -132,8 +132,9 @@ def fit_object(
     say(f"{designation}: estimating")
     values = dict(zip(solved, lean.correction.x[6:].tolist()))
     general = estimate(
-        resolved, material, sky, forces.with_values(values), lean.correction.state, priors, lean.selected, thresholds
-    )
+        resolved, material, sky, forces.with_values(values), lean.correction.state, priors, lean.selected, thresholds,
+        near=lean.correction,
+    )  # fmt: skip
     return OrbitFit(
         mission=resolved,
         material=material,

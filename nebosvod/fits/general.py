@@ -12,7 +12,7 @@ from typing import cast
 import numpy as np
 import numpy.typing as npt
 
-from nebosvod.dynamics import ForceModel
+from nebosvod.dynamics import ForceModel, Trajectory
 from nebosvod.dynamics.impact import fly
 from nebosvod.engine.assembly import linear_problem, mean_errors
 from nebosvod.engine.fitting import Fit, taken
@@ -20,6 +20,7 @@ from nebosvod.errors import CoverageError, EventError
 from nebosvod.estimation import Estimate, LinearProblem, gauss_newton
 from nebosvod.estimation.solvers import batch
 from nebosvod.estimation.solvers.rejection import Thresholds, chi_squared, reselect, settled, turning
+from nebosvod.fits.correction import Correction
 from nebosvod.mission import FitMission
 from nebosvod.observation import Common, Markov, White
 from nebosvod.observation.measurement.exposures import Look, Sky, look
@@ -66,6 +67,7 @@ def estimate(
     priors: PriorTable,
     selected: Flags,
     thresholds: Thresholds | None,
+    near: Correction | None = None,
 ) -> General:
     """Estimate with every source of error, and select anew where that changes the residuals.
 
@@ -75,10 +77,14 @@ def estimate(
     forces : with every parameter that is not fixed as a column, at the values the lean correction found.
     state : (6,) where the lean correction ended.
     selected : (n,) its selection.
+    near : that correction, of the same directions: where its columns are all there are, its orbit is used again.
     """
     history: list[Flags] = []
     held = np.zeros(len(sky), dtype=bool)
-    found = _once(mission, material, sky, forces, state, priors, selected)
+    known = None
+    if near is not None and near.trajectory.parameter_names == forces.parameters:
+        known = near.trajectory, near.seen
+    found = _once(mission, material, sky, forces, state, priors, selected, known)
     anew = any(source.error.treatment == "estimated" for source in mission.sources)
     while thresholds is not None and anew and found.fit.estimate.solution is not None:
         latest = reselect(found.chi2, selected, thresholds, len(found.fit.estimate.names) // 2 + 1, held)
@@ -130,14 +136,20 @@ def _once(
     state: Array,
     priors: PriorTable,
     selected: Flags,
+    known: tuple[Trajectory, Look] | None = None,
 ) -> General:
-    """One selection: Gauss-Newton from the state until it stands."""
+    """One selection: Gauss-Newton from the state until it stands.
+
+    Parameters
+    ----------
+    known : the orbit through the state and its look at the sky, where they are known.
+    """
     rows = np.flatnonzero(selected)
     estimator = mission.estimators[0]
     values = dict(zip(forces.parameters, forces.values.tolist()))
-    first = fly(state, sky.epoch, sky.span_s, forces)
+    first = fly(state, sky.epoch, sky.span_s, forces) if known is None else known[0]
     scene = scene_of(mission, material, forces, first, rows)
-    seen = look(first, sky)
+    seen = look(first, sky) if known is None else known[1]
     start = view_of(scene, Point(state=state, parameters=values, nuisances={}), material, first, seen, rows)
     start = _with_means(start)
     latest: list[tuple[View, Look]] = [(start, seen)]

@@ -83,9 +83,11 @@ def _deserted(material: Material, general: General) -> Iterator[str]:
         if out[rows].all() and len(rows) > 1:
             yield f"every one of {counted(len(rows), 'record')} of {code} was rejected"
             continue
+        if out[rows].sum() < LEAST:
+            continue
         said = np.zeros(len(rows), dtype=np.bool_)
         for part in parts(records.t_s[rows], material.night[rows]):
-            if len(part) >= LEAST and out[rows[part]].all() and not said[part].all():
+            if out[rows[part]].all() and not said[part].all():
                 said[part] = True
                 when = dates(str(records.utc[rows[part[0]]]), str(records.utc[rows[part[-1]]]))
                 yield f"every one of {counted(len(part), 'record')} of {code}{when} was rejected"

@@ -53,7 +53,7 @@ def select(
     x : shape (6 + m,), start.
     thresholds : None keeps every observation.
     selected : shape (n,), which count at first; all by default.
-    near : an earlier correction of the same directions, whose steps and light times are used again.
+    near : an earlier correction of the same directions and forces, to be used again.
     keep : shape (n,), which are never left out.
 
     Notes

@@ -7,6 +7,7 @@ without a pause of `PAUSE_S`) and each night is asked on the converged fit wheth
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -235,18 +236,26 @@ def groups(t_s: Array, records: Records) -> Iterator[tuple[str, Rows, bool]]:
         code = str(station[first])
         yield code, rows, True
         for part in parts(t_s[rows], records.night[rows]):
-            if len(part) >= LEAST:
-                yield code, rows[part], False
+            yield code, rows[part], False
 
 
 def parts(t_s: Array, night: Rows) -> Iterator[Rows]:
-    """Visits of a station, and nights of visits, as places in its records (in the order of time); no part twice."""
-    edges = np.flatnonzero(np.diff(t_s) > PAUSE_S) + 1
-    visits = np.split(np.arange(len(t_s)), edges)
-    yield from visits if len(visits) > 1 else ()
-    for visit in visits:
-        nights = np.split(visit, np.flatnonzero(np.diff(night[visit]) != 0) + 1)
-        yield from nights if len(nights) > 1 else ()
+    """Visits of a station, and nights of visits, as places in its records (in the order of time); no part twice.
+
+    Those of fewer than `LEAST` records are left out.
+    """
+    place, pause = np.arange(len(t_s)), np.diff(t_s) > PAUSE_S
+    visits = _edges(pause)
+    if len(visits) > 2:
+        yield from (place[a:b] for a, b in pairwise(visits) if b - a >= LEAST)
+    whole = set(pairwise(visits))
+    nights = _edges(pause | (np.diff(night) != 0))
+    yield from (place[a:b] for a, b in pairwise(nights) if b - a >= LEAST and (a, b) not in whole)
+
+
+def _edges(change: Flags) -> list[int]:
+    """Where parts begin and end, by whether each record but the first begins one."""
+    return [0, *(np.flatnonzero(change) + 1).tolist(), len(change) + 1]
 
 
 def _promising(footing: Footing, records: Records, asked: Sequence[Rows], screen: float) -> Flags:
@@ -296,6 +305,7 @@ class Tests:
 
 def tests(footing: Footing, rows: Rows, night: Rows) -> Tests:
     """Test every kind on one group of records."""
+    night = np.unique(night, return_inverse=True)[1].ravel()
     scores: dict[str, tuple[Score, Array]] = {}
     for kind, G in _designs(footing, rows, night):
         score = footing.score(rows, G, night)
@@ -343,7 +353,12 @@ def _merit(score: Score, scatter: float, m: int) -> float:
 
 
 def _designs(footing: Footing, rows: Rows, night: Rows) -> Iterator[tuple[str, Array]]:
-    """Partials (m, 2, k) of the kinds that the records can tell: rad per rad, rad/s, rad per rad and rad/day."""
+    """Partials (m, 2, k) of the kinds that the records can tell: rad per rad, rad/s, rad per rad and rad/day.
+
+    Parameters
+    ----------
+    night : (m,) number of each record's night, counted from 0.
+    """
     t_s = footing.t_s[rows]
     eye = np.broadcast_to(np.eye(2), (len(rows), 2, 2))
     yield "bias", np.array(eye)
@@ -356,7 +371,7 @@ def _designs(footing: Footing, rows: Rows, night: Rows) -> Iterator[tuple[str, A
     yield "drift", drift
     turn = 2.0 * np.pi * (t_s - t_s.min()) / span
     for cycles in CYCLES:
-        if min(len(rows) // 16, len(np.unique(night)) // 6) < cycles:
+        if min(len(rows) // 16, int(night.max() + 1) // 6) < cycles:
             return
         if cycles == CYCLES[0] and not _uneven(footing.q[rows], turn):
             return

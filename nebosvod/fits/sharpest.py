@@ -55,7 +55,9 @@ def sharpest(
     if 2 * int(sharp.sum()) < len(x) + SPARE:
         return nobody
     alone = attempted(sky.select(sharp), x, forces, thresholds, prior)
-    every = attempted(sky.select(sharp), x, forces, None, prior)
+    every = alone  # the first of its rounds, where it kept all
+    if alone is None or not alone.selected.all():
+        every = attempted(sky.select(sharp), x, forces, None, prior)
     if alone is None or every is None or not (_carried(alone) and _carried(every)):
         return nobody
     trusted = nobody.trusted.copy()

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2 as chi_square
 
+from nebosvod.estimation.accuracy import score
 from nebosvod.estimation.accuracy.score import alone, among, score_test, sigmas
 
 
@@ -78,6 +79,29 @@ def test_gross_errors_do_not_make_a_shared_error():
     found = score_test(q, B, G, N, slope, inside, night)
     assert not found.used[[3, 17]].any()
     assert found.significance < 4.0
+
+
+@pytest.mark.parametrize(("n", "s", "k", "units"), [(4, 3, 1, 0), (40, 6, 4, 6), (300, 7, 16, 3), (400, 6, 44, 0)])
+def test_the_answer_is_the_same_where_the_compiled_loops_leave_it_to_numpy(monkeypatch, n, s, k, units):
+    """Of few rows and many, gross errors trimmed, nights and units of any size; singular matrices go that way."""
+    rng = np.random.default_rng(n)
+    B, G = rng.standard_normal((n, 2, s)), rng.standard_normal((n, 2, k)) * 10.0 ** rng.uniform(-units, units, k)
+    q = rng.standard_normal((n, 2)) * np.where(rng.random(n) < 0.1, 30.0, 1.0)[:, None]
+    inside, night = rng.random(n) < 0.9, rng.integers(0, n // 3 + 1, n)
+    others = rng.standard_normal((50, s))
+    N = others.T @ others + np.tensordot(B[inside], B[inside], axes=([0, 1], [0, 1]))
+    slope = rng.standard_normal(s)
+    loops = score_test(q, B, G, N, slope, inside, night)
+    monkeypatch.setattr(score, "scored", lambda *given: False)
+    plain = score_test(q, B, G, N, slope, inside, night)
+    np.testing.assert_array_equal(loops.used, plain.used)
+    sigma = np.sqrt(np.diag(plain.covariance))
+    np.testing.assert_allclose(loops.estimate / sigma, plain.estimate / sigma, atol=1e-9)
+    np.testing.assert_allclose(
+        loops.covariance / np.outer(sigma, sigma), plain.covariance / np.outer(sigma, sigma), atol=1e-9
+    )
+    told = [(one.statistic, one.explained, one.scatter) for one in (loops, plain)]
+    np.testing.assert_allclose(told[0], told[1], rtol=1e-9)
 
 
 def test_what_the_orbit_can_take_up_is_not_tested():

@@ -114,13 +114,14 @@ sys.meta_path = [finder for finder in sys.meta_path if "Editable" not in getattr
 with warnings.catch_warnings(record=True) as said:
     warnings.simplefilter("always")
     import nebosvod.dynamics.compilation as compilation
+    from nebosvod.errors import NebosvodNotice
     @compilation.kernel
     def twice(x):
         return x + x
     import nebosvod.dynamics.integrator, nebosvod.dynamics.nodes
     assert twice(2.0) == 4.0
 print(compilation.__file__)
-print([str(one.message) for one in said if issubclass(one.category, compilation.NebosvodNotice)])
+print([str(one.message) for one in said if issubclass(one.category, NebosvodNotice)])
 """
 
 
