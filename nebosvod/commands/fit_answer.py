@@ -11,7 +11,14 @@ from rich.table import Table
 
 from nebosvod.errors import counted
 from nebosvod.results.condensed import condensed, foremost, without
-from nebosvod.results.outlook import answered, chance_words, event_words, impact_sentences, unanswered_sentences
+from nebosvod.results.outlook import (
+    answered,
+    chance_words,
+    event_words,
+    impact_sentences,
+    unanswered_sentences,
+    unit_of,
+)
 
 STATIONS_SHOWN = 8
 REJECTED_SHOWN = 8
@@ -187,7 +194,7 @@ def _predictions(summary: Mapping[str, Any]) -> Iterator[str]:
     if summary["predictions"]:
         yield "Predictions, 1 sigma"
     for row in answered(summary["predictions"]):
-        unit = next(key.removeprefix("semi_axes_") for key in row if key.startswith("semi_axes_"))
+        unit = unit_of(row)
         axes = " x ".join(_number(axis) for axis in row[f"semi_axes_{unit}"])
         where = f"; RA {row['ra_deg']:.6f} Dec {row['dec_deg']:+.6f} deg" if "ra_deg" in row else ""
         where += DOUBT if _doubted(row) else ""

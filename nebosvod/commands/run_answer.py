@@ -11,7 +11,7 @@ from rich.table import Table
 
 from nebosvod.errors import counted
 from nebosvod.report.kit.facts import earlier_orbit, grouped
-from nebosvod.results.outlook import answered, event_words, impact_sentences, unanswered_sentences
+from nebosvod.results.outlook import answered, event_words, impact_sentences, unanswered_sentences, unit_of
 from nebosvod.timescale import Epoch
 
 BUDGET_ROWS = 6
@@ -109,7 +109,7 @@ def _predictions(summary: Mapping[str, Any]) -> Iterator[str]:
     for row in answered(summary["predictions"]):
         if row["estimator"] != first:
             continue
-        unit = next(key.removeprefix("semi_axes_") for key in row if key.startswith("semi_axes_"))
+        unit = unit_of(row)
         axes = " x ".join(_number(axis) for axis in row[f"semi_axes_{unit}"])
         shares = [(part["source"], part["share_total"]) for part in row["budget"]]
         kinds = grouped(shares, summary["telescopes"])[:BLAMED]

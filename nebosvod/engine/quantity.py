@@ -11,25 +11,11 @@ import numpy as np
 import numpy.typing as npt
 
 from nebosvod.dynamics import Trajectory
-from nebosvod.dynamics.impact import BELOW_S, MOST_STEPS, what_it_hits
-from nebosvod.engine.facts import (
-    Disc,
-    EncounterFacts,
-    Facts,
-    ImpactFacts,
-    NoEventError,
-    SkyFacts,
-    StateFacts,
-    encounter_of,
-)
-from nebosvod.errors import CoverageError, NoAnswerError
+from nebosvod.engine.facts import Disc, EncounterFacts, Facts, encounter_of
 from nebosvod.estimation import Estimate
-from nebosvod.mission.request import EncounterPrediction, Prediction, SkyPrediction, StatePrediction
-from nebosvod.observation import observe
+from nebosvod.mission.request import Prediction
 from nebosvod.scene.prior import STATE_NAMES
-from nebosvod.scene.scene import Scene
 from nebosvod.timescale import Epoch, Scale
-from nebosvod.units import ARCSEC
 
 Array = npt.NDArray[np.float64]
 M_PER_KM = 1000.0
@@ -75,77 +61,14 @@ class Quantity:
         """The encounter it is about; None where it is about a given time."""
         return encounter_of(self.facts)
 
+    def partials_by(self, names: Sequence[str]) -> Array:
+        """Partials (d, len(names)) by these parameters; zero by those it does not depend on."""
+        return spread(self.partials, self.names, names)
+
 
 def time_scale(request: Prediction) -> Scale:
     """The scale its times are told in: that of the time asked about; UTC for what happens on the Earth's ground."""
     return "utc" if request.plane == "entry" and request.body == "earth" else request.when.scale
-
-
-def quantity(scene: Scene, trajectory: Trajectory, request: Prediction, about: Epoch | None = None) -> Quantity:
-    """Evaluate a requested prediction on a trajectory.
-
-    Parameters
-    ----------
-    about : where a near orbit has the encounter, which is then taken however far it is from the time asked about.
-
-    Raises
-    ------
-    NoAnswerError
-        If it does not exist for this orbit; says why.
-    """
-    from nebosvod.engine.approach import encounter_quantity
-
-    try:
-        if isinstance(request, EncounterPrediction):
-            _require_covered(scene, trajectory, request)
-            _require_reached(scene, trajectory, request)
-            return encounter_quantity(scene, trajectory, request, about)
-        _require_alive(scene, trajectory, request)
-        _require_covered(scene, trajectory, request)
-        _require_reached(scene, trajectory, request)
-        if isinstance(request, SkyPrediction):
-            return _sky(scene, trajectory, request)
-        return _state(scene, trajectory, request)
-    except CoverageError as error:
-        raise NoAnswerError(str(error), status="not_covered") from None
-
-
-def _require_covered(scene: Scene, trajectory: Trajectory, request: Prediction) -> None:
-    """Refuse a time outside the ephemeris."""
-    first, last = scene.ephemeris.coverage(asteroids=trajectory.forces.asteroids)
-    if not first <= request.when <= last:
-        scale = request.when.scale
-        raise NoAnswerError(
-            f"{request.when.iso(scale, 0)} is outside the ephemeris, {first.iso(scale, 0)} to {last.iso(scale, 0)}",
-            status="not_covered",
-        )
-
-
-def _require_reached(scene: Scene, trajectory: Trajectory, request: Prediction) -> None:
-    """Refuse a time to which the orbit has not been flown, because its steps had come to their end."""
-    if request.when - scene.epoch > trajectory.span_s[1] and what_it_hits(trajectory) is None:
-        raise NoAnswerError(out_of_steps(trajectory, request.when.scale), status="not_reached")
-
-
-def out_of_steps(trajectory: Trajectory, scale: Scale) -> str:
-    """Why an orbit that hits nothing ends before something asked for."""
-    end = (trajectory.epoch + trajectory.span_s[1]).iso(scale, 0)
-    return f"the orbit is known to {end}: there the {MOST_STEPS:,} steps of a flight end; ask for an earlier time"
-
-
-def _require_alive(scene: Scene, trajectory: Trajectory, request: SkyPrediction | StatePrediction) -> None:
-    """Refuse a time after the impact that ends the orbit."""
-    if request.at - scene.epoch <= trajectory.span_s[1]:
-        hit = None if request.at - scene.epoch < trajectory.span_s[1] - 2.0 * BELOW_S else what_it_hits(trajectory)
-    else:
-        hit = what_it_hits(trajectory)
-    if hit is not None and request.at - hit.epoch >= 0.0:
-        raise NoEventError(
-            f"the orbit hits {hit.body} on {hit.epoch.iso(request.at.scale, 0)} and ends there, before "
-            f"{request.at.iso(request.at.scale, 0)}",
-            status="after_impact",
-            facts=ImpactFacts(body=hit.body, epoch=hit.epoch),
-        )
 
 
 def make_quantity(
@@ -172,37 +95,14 @@ def make_quantity(
     )
 
 
-def _sky(scene: Scene, trajectory: Trajectory, request: SkyPrediction) -> Quantity:
-    """Offsets in RA* and Dec, arcsec, as a telescope sees them (astrometric)."""
-    telescope = next(t for t in scene.telescopes if t.name == request.telescope)
-    seen = observe(trajectory, telescope, np.array([request.at - scene.epoch]), scene.ephemeris)
-    facts = SkyFacts(
-        telescope=telescope.name,
-        ra_deg=float(np.degrees(seen.psi[0, 0])),
-        dec_deg=float(np.degrees(seen.psi[0, 1])),
-        distance_km=float(seen.distance_km[0]),
-    )
-    return make_quantity(
-        request, request.at, "arcsec", None, seen.H_x0[0] / ARCSEC, seen.H_c[0] / ARCSEC, trajectory, facts
-    )
-
-
-def _state(scene: Scene, trajectory: Trajectory, request: StatePrediction) -> Quantity:
-    """Heliocentric position on ICRF or RTN axes, km, or velocity on RTN axes, m/s."""
-    at = trajectory.at(np.array([request.at - scene.epoch]))
-    x, Phi, zeta = at.state[0], at.Phi[0], at.zeta[0]
-    rows = slice(3, 6) if request.plane == "rtn_velocity" else slice(0, 3)
-    axes = np.eye(3)
-    if request.plane != "position":
-        radial = x[:3] / np.linalg.norm(x[:3])
-        normal = np.cross(x[:3], x[3:])
-        normal /= np.linalg.norm(normal)
-        axes = np.stack([radial, np.cross(normal, radial), normal])
-    scale, unit = (M_PER_KM, "m_s") if request.plane == "rtn_velocity" else (1.0, "km")
-    facts = StateFacts(position_km=x[:3], velocity_km_s=x[3:])
-    return make_quantity(
-        request, request.at, unit, None, scale * axes @ Phi[rows], scale * axes @ zeta[rows], trajectory, facts, axes
-    )
+def spread(W: Array, names: Sequence[str], wanted: Sequence[str]) -> Array:
+    """Columns (d, k) of some names as columns (d, len(wanted)) of others; zero where a name is not among the first."""
+    out = np.zeros((len(W), len(wanted)))
+    place = {name: column for column, name in enumerate(wanted)}
+    for column, name in enumerate(names):
+        if name in place:
+            out[:, place[name]] = W[:, column]
+    return out
 
 
 def known_partials(asked: Quantity, estimate: Estimate) -> tuple[Array, tuple[str, ...]]:

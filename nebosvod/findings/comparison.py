@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from nebosvod.engine.fitting import Fit
 from nebosvod.engine.montecarlo import Sample
-from nebosvod.engine.quantity import Quantity, known_partials
+from nebosvod.engine.quantity import Quantity, known_partials, spread
 from nebosvod.errors import GeometryError
 from nebosvod.estimation import LinearProblem, White
 from nebosvod.estimation.accuracy import extended, guaranteed
@@ -126,11 +126,7 @@ def _finite(value: float) -> float | None:
 def worst_sigmas(fit: Fit, W: Array, names: Sequence[str]) -> tuple[Array, Array]:
     """Sigmas (d,) with the worst exponential-cosine correlation of the noise, and the bound for any correlation."""
     estimate, problem = fit.estimate, fit.problem
-    inside = np.zeros((len(W), len(estimate.names)))
-    for column, name in enumerate(names):
-        if name in estimate.names:
-            inside[:, estimate.names.index(name)] = W[:, column]
-    found = extended.worst_prediction(problem, inside, fit.observation.t_s)
+    found = extended.worst_prediction(problem, spread(W, names, estimate.names), fit.observation.t_s)
     factors = estimate.predict(W, names).factors
     rest = sum(
         (np.sum(G**2, axis=1) for name, G in factors.items() if name not in problem.noise_names), np.zeros(len(W))

@@ -240,13 +240,7 @@ def _followed(problem: LinearProblem, asked: Sequence[Quantity]) -> list[Array] 
     """Total sigma (n,) of each quantity after each measurement, all in one pass; None where that has no truth."""
     known = set(problem.names("estimated", "considered", "ignored"))
     names = tuple(dict.fromkeys(name for quantity in asked for name in quantity.names if name in known))
-    blocks = []
-    for quantity in asked:
-        W = np.zeros((len(quantity.partials), len(names)))
-        for column, name in enumerate(quantity.names):
-            if name in known:
-                W[:, names.index(name)] = quantity.partials[:, column]
-        blocks.append(W)
+    blocks = [quantity.partials_by(names) for quantity in asked]
     _, sigma = recursive.follow(problem, np.vstack(blocks), names)
     if sigma is None:
         return None

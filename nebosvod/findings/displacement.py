@@ -9,9 +9,10 @@ import numpy.typing as npt
 from nebosvod.dynamics import Trajectory
 from nebosvod.dynamics.impact import impact
 from nebosvod.engine.entry import ground_displacement
+from nebosvod.engine.evaluation import quantity
 from nebosvod.engine.facts import REFERENCE, EntryFacts, SkyFacts, StateFacts
 from nebosvod.engine.fitting import Fit
-from nebosvod.engine.quantity import M_PER_KM, Quantity, quantity
+from nebosvod.engine.quantity import M_PER_KM, Quantity
 from nebosvod.errors import EventError, ImpactError, InputError, NoAnswerError
 from nebosvod.scene.point import Point
 from nebosvod.scene.prior import STATE_NAMES, by_density, with_mass

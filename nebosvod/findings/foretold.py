@@ -12,9 +12,10 @@ import numpy as np
 
 from nebosvod.dynamics import Trajectory
 from nebosvod.dynamics.surface import SURFACE_KM
+from nebosvod.engine.evaluation import quantity
 from nebosvod.engine.facts import Disc, EntryFacts, Facts, NoEventError
 from nebosvod.engine.fitting import Fit
-from nebosvod.engine.quantity import Quantity, known_partials, quantity
+from nebosvod.engine.quantity import Quantity, known_partials
 from nebosvod.errors import NoAnswerError
 from nebosvod.estimation import Estimate
 from nebosvod.mission.request import Prediction

@@ -84,11 +84,7 @@ def ordered_factor(estimate: Estimate, names: Sequence[str], asked: Sequence[Qua
     S = np.asarray(estimate.factor(names))
     rows = []
     for one in asked:
-        W = np.zeros((len(one.partials), len(names)))
-        for column, name in enumerate(one.names):
-            if name in names:
-                W[:, names.index(name)] = one.partials[:, column]
-        moved = W @ S
+        moved = one.partials_by(names) @ S
         sigma = np.linalg.norm(moved, axis=1)
         rows.append(moved[sigma > 0.0] / sigma[sigma > 0.0, None])
     _, _, turn = np.linalg.svd(np.vstack([*rows, np.zeros((1, S.shape[1]))]), full_matrices=True)

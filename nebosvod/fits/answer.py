@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from nebosvod.dynamics import ForceModel, Trajectory
 from nebosvod.dynamics.impact import what_it_hits
-from nebosvod.engine.quantity import out_of_steps
+from nebosvod.engine.evaluation import out_of_steps
 from nebosvod.errors import CoverageError, EventError
 from nebosvod.estimation import Estimate
 from nebosvod.findings.blame import StateShare, Worlds, state_shares

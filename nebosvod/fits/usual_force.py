@@ -16,7 +16,8 @@ import numpy as np
 import numpy.typing as npt
 
 from nebosvod.dynamics import ForceModel, Nongrav
-from nebosvod.engine.quantity import Quantity, quantity
+from nebosvod.engine.evaluation import quantity
+from nebosvod.engine.quantity import Quantity
 from nebosvod.errors import NebosvodError
 from nebosvod.findings.prediction import Answered
 from nebosvod.fits.engine import OrbitFit

@@ -13,8 +13,9 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
+from nebosvod.engine.evaluation import quantity
 from nebosvod.engine.fitting import SOLVERS
-from nebosvod.engine.quantity import Quantity, quantity
+from nebosvod.engine.quantity import Quantity
 from nebosvod.errors import GeometryError, InputError
 from nebosvod.estimation.accuracy.addition import Additions, Belief, additions, predicted, take
 from nebosvod.mission import Mission
@@ -138,10 +139,7 @@ class Planner:
                 weak_direction=estimate.weak_direction,
             )
         self.belief = Belief.of(estimate)
-        self.W = np.zeros((len(asked.partials), len(self.belief.names)))
-        for column, name in enumerate(asked.names):
-            if name in self.belief.names:
-                self.W[:, self.belief.names.index(name)] = asked.partials[:, column]
+        self.W = asked.partials_by(self.belief.names)
         # a chain of correlated errors ties a visit to its neighbours: then each candidate is solved for anew
         self.chained = any(markov.treatment != "fixed" for markov in offered.problem.markov)
         self.added = None if self.chained else _only(additions(offered.problem), offered.rows)

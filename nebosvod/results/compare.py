@@ -17,7 +17,7 @@ from nebosvod.borders.stored import held_together, read_arrays, read_object
 from nebosvod.errors import InputError
 from nebosvod.findings.kinds import kind_of
 from nebosvod.results.folder import require_sound_summary
-from nebosvod.results.outlook import answered, without_answer
+from nebosvod.results.outlook import answered, unit_of, without_answer
 from nebosvod.results.result import require_run_folder
 
 SAME_DISTANCE = 0.01  # relative
@@ -164,7 +164,7 @@ def _prediction(runs: Sequence[Run], name: str) -> dict[str, Any]:
     there = [(run, row) for run, row in zip(runs, rows) if row is not None]
     planes = {str(row["plane"]) for _, row in there}
     targets = {str(row.get("body") or row.get("telescope") or "") for _, row in there}
-    units = [_unit(row) for _, row in there]
+    units = [unit_of(row) for _, row in there]
     warning = ""
     if not there:
         warning = f"{name}: {_why_none(runs, name)}"
@@ -205,13 +205,9 @@ def _elsewhere(runs: Sequence[Run], name: str) -> str:
     return "".join(f"; {run.label}: no answer: {row['reason']}" for run, row in rows)
 
 
-def _unit(row: Mapping[str, Any]) -> str:
-    return next(key.removeprefix("semi_axes_") for key in row if key.startswith("semi_axes_"))
-
-
 def _numbers(row: Mapping[str, Any]) -> dict[str, Any]:
     """What is compared of a prediction; sigma_total is the root trace."""
-    unit = _unit(row)
+    unit = unit_of(row)
     size = len(row[f"sigma_{unit}"])
     return {
         "estimator": row["estimator"],

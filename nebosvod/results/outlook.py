@@ -22,6 +22,11 @@ def without_answer(rows: Iterable[Row]) -> list[Any]:
     return [row for row in rows if row.get("status", ANSWERED) != ANSWERED]
 
 
+def unit_of(row: Row) -> str:
+    """The unit a prediction is given in: "km", "arcsec", "m_s"."""
+    return next((key.removeprefix("semi_axes_") for key in row if key.startswith("semi_axes_")), "km")
+
+
 def impact_sentences(summary: Row) -> Iterator[str]:
     """When, how likely, and where on the ground; one sentence for each encounter that may be an impact."""
     for one in summary.get("impacts") or ():

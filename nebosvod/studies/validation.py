@@ -335,12 +335,8 @@ def _predicted(setting: Setting, names: tuple[str, ...]) -> list[Direction]:
     found = []
     for asked in predicted(setting.scene, setting.scene.trajectory, setting.scene.mission.predictions).found:
         request = asked.request
-        weights = np.zeros((len(asked.partials), len(names)))
-        for column, name in enumerate(asked.names):
-            if name in names:
-                weights[:, names.index(name)] = asked.partials[:, column]
         labels = COMPONENTS.get(request.plane, ())
-        for k, row in enumerate(weights):
+        for k, row in enumerate(asked.partials_by(names)):
             label = labels[k] if k < len(labels) else f"component {k + 1}"
             found.append(Direction(group=request.name, name=label, unit=asked.unit, weights=row))
     return found

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from nebosvod.engine.assembly import computed_psi
+from nebosvod.engine.evaluation import quantity
 from nebosvod.engine.fitting import Fit, fit
 from nebosvod.engine.montecarlo import repeat
-from nebosvod.engine.quantity import Quantity, known_partials, quantity
+from nebosvod.engine.quantity import Quantity, known_partials
 from nebosvod.estimation.accuracy import guaranteed
 from nebosvod.estimation.problem.sources import measurement_gain
 from nebosvod.findings.comparison import Accuracies, boxed, comparison, statement, thinned, worst_sigmas

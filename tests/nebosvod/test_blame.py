@@ -9,8 +9,9 @@ import pytest
 
 from nebosvod.cli import main
 from nebosvod.engine.assembly import computed_psi
+from nebosvod.engine.evaluation import quantity
 from nebosvod.engine.fitting import Fit, fit
-from nebosvod.engine.quantity import Quantity, known_partials, quantity
+from nebosvod.engine.quantity import Quantity, known_partials
 from nebosvod.findings.blame import Worlds, quantity_shares, state_shares
 from nebosvod.findings.required import required
 from nebosvod.mission import Mission, load_mission_text

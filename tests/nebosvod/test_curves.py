@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from nebosvod.engine.assembly import computed_psi
+from nebosvod.engine.evaluation import quantity
 from nebosvod.engine.fitting import Fit, fit
-from nebosvod.engine.quantity import Quantity, known_partials, quantity
+from nebosvod.engine.quantity import Quantity, known_partials
 from nebosvod.estimation import Block, LinearProblem
 from nebosvod.estimation.solvers import recursive
 from nebosvod.findings.curves import curves, last_slope, prior_sigma

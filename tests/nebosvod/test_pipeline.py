@@ -98,7 +98,7 @@ def test_the_nominal_encounter_of_2029_is_where_an_independent_integration_has_i
 
     JPL's orbit is fitted with that A1, the mission replaces it by a radiation pressure of 3.6e-13: 5 km.
     """
-    from nebosvod.engine.quantity import quantity
+    from nebosvod.engine.evaluation import quantity
 
     scene, _, nominal = make_setting(apophis)
     request = next(p for p in apophis.predictions if p.plane == "perigee_distance")

@@ -12,8 +12,8 @@ import pytest
 import nebosvod
 from nebosvod.cli import main
 from nebosvod.engine.assembly import computed_psi, linear_problem, nominal_point, view
+from nebosvod.engine.evaluation import quantity
 from nebosvod.engine.fitting import SOLVERS
-from nebosvod.engine.quantity import quantity
 from nebosvod.errors import GeometryError, InputError
 from nebosvod.estimation import Estimate
 from nebosvod.mission import Mission, load_mission, load_mission_text

@@ -9,8 +9,9 @@ import numpy.typing as npt
 import pytest
 
 from nebosvod.engine.assembly import computed_psi
+from nebosvod.engine.evaluation import quantity
 from nebosvod.engine.fitting import Fit, fit
-from nebosvod.engine.quantity import Quantity, known_partials, quantity
+from nebosvod.engine.quantity import Quantity, known_partials
 from nebosvod.findings.displacement import displaced, moved_quantities
 from nebosvod.findings.drawn import against_linear, clones, impact_share, spread_of
 from nebosvod.findings.nonlinearity import Nonlinearity, curvature, nonlinearity, ordered_factor

@@ -9,7 +9,7 @@ from astropy import units as u
 from astropy.coordinates import EarthLocation
 
 from nebosvod.dynamics.constants import RADIUS_KM
-from nebosvod.engine.quantity import quantity
+from nebosvod.engine.evaluation import quantity
 from nebosvod.errors import CoverageError, DataError, EventError, InputError, NoAnswerError
 from nebosvod.mission import Mission, load_mission, load_mission_text
 from nebosvod.scene.instruments import NUISANCES, SPACECRAFT, kind_of

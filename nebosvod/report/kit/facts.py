@@ -8,7 +8,7 @@ from nebosvod.findings.kinds import kind_of
 from nebosvod.report.kit import wording
 from nebosvod.report.kit.wording import percent, product, quantity
 from nebosvod.results.folder import Item, RunFolder
-from nebosvod.results.outlook import moment_words
+from nebosvod.results.outlook import moment_words, unit_of
 
 WEIGHT = (
     "entry",
@@ -17,11 +17,6 @@ WEIGHT = (
     "perigee_distance",
 )  # planes a reader asks for first; the others follow in the mission's order
 PRIOR_ORBITS = ("prior orbit", "prior orbit and parameters")  # the sources that are an orbit known beforehand
-
-
-def unit_of(prediction: Item) -> str:
-    """The unit a prediction is given in: "km", "arcsec", "m_s"."""
-    return next((key.removeprefix("semi_axes_") for key in prediction if key.startswith("semi_axes_")), "km")
 
 
 def when(prediction: Item) -> str:

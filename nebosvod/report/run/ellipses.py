@@ -11,11 +11,12 @@ from nebosvod.mission.slugs import array_name
 from nebosvod.report.kit import wording
 from nebosvod.report.kit.chart import Chart, Panel
 from nebosvod.report.kit.download import Download, csv
-from nebosvod.report.kit.facts import leading, unit_of, when
+from nebosvod.report.kit.facts import leading, when
 from nebosvod.report.kit.plate import BLUE, INK, VERMILION, Plate
 from nebosvod.report.kit.scale import linear
 from nebosvod.report.kit.wording import NBSP, TIMES, number, percent, product, quantity
 from nebosvod.results.folder import Array, Item, RunFolder
+from nebosvod.results.outlook import unit_of
 
 SLENDER = 12.0  # axis ratio above which an ellipse at true scale is a line, and is drawn along its own axes instead
 LEVELS = ((1, "39.3"), (2, "86.5"), (3, "98.9"))  # 1 - exp(-lambda^2/2), per cent

@@ -10,12 +10,13 @@ from nebosvod.mission.slugs import array_name
 from nebosvod.report.kit import wording
 from nebosvod.report.kit.chart import Chart
 from nebosvod.report.kit.download import Download, csv
-from nebosvod.report.kit.facts import PRIOR_ORBITS, grouped, leading, of_telescopes, unit_of
+from nebosvod.report.kit.facts import PRIOR_ORBITS, grouped, leading, of_telescopes
 from nebosvod.report.kit.plate import BLUE, INK, VERMILION, Plate
 from nebosvod.report.kit.scale import linear, named
 from nebosvod.report.kit.wording import finite, join, number, percent, quantity, scale_of
 from nebosvod.report.run.sources import kind_of, look
 from nebosvod.results.folder import Item, RunFolder
+from nebosvod.results.outlook import unit_of
 
 REMEDIES = ("if_vanished", "if_halved")
 GAINS = ("same", "new")

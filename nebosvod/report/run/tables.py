@@ -10,9 +10,10 @@ from markupsafe import Markup
 
 from nebosvod.estimation.accuracy.formed import matrix_of
 from nebosvod.report.kit import wording
-from nebosvod.report.kit.facts import formal_ratio, impact_clause, leading, unit_of, when
+from nebosvod.report.kit.facts import formal_ratio, impact_clause, leading, when
 from nebosvod.report.kit.wording import DASH, finite, percent, product, quantity, series
 from nebosvod.results.folder import Item, RunFolder
+from nebosvod.results.outlook import unit_of
 from nebosvod.results.ownership import MARK
 
 Cell = str | Markup

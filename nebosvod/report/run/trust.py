@@ -9,12 +9,13 @@ from markupsafe import Markup
 from nebosvod.report.kit import wording
 from nebosvod.report.kit.chart import Chart
 from nebosvod.report.kit.download import csv
-from nebosvod.report.kit.facts import leading, unit_of
+from nebosvod.report.kit.facts import leading
 from nebosvod.report.kit.plate import BLUE, GREEN, INK, PURPLE, VERMILION, Plate
 from nebosvod.report.kit.scale import logarithmic, named
 from nebosvod.report.kit.wording import DASH, NBSP, finite, join, number, percent, quantity, series
 from nebosvod.report.run.tables import Cell, Table
 from nebosvod.results.folder import Item, RunFolder
+from nebosvod.results.outlook import unit_of
 
 KINDS = ("formal", "extended", "worst_correlation", "guaranteed", "monte_carlo")
 TITLES = {"formal": "formal", "extended": "extended (true)", "worst_correlation": "worst correlation",

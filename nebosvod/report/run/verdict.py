@@ -19,11 +19,11 @@ from nebosvod.report.kit.facts import (
     position_shares,
     size,
     total_sigma,
-    unit_of,
     when,
 )
 from nebosvod.report.kit.wording import count, join, percent, product, quantity, series
 from nebosvod.results.folder import Item, RunFolder
+from nebosvod.results.outlook import unit_of
 
 HELD_AT_3_SIGMA = {1: "99.7", 2: "98.9", 3: "97.1"}  # per cent of the probability in 1, 2 and 3 dimensions
 AGREE = 0.01  # sigmas that differ by less than this are called equal
