@@ -12,7 +12,7 @@ from nebosvod.errors import ImpactError, InputError
 from nebosvod.observation import GroundSite, Telescope, observe, visibility
 from nebosvod.observation.measurement.photometry import apparent_magnitude
 from nebosvod.orbits.uncertain import UncertainOrbit
-from nebosvod.timescale import SECONDS_PER_DAY, Epoch
+from nebosvod.timescale import SECONDS_PER_DAY, Epoch, to_tdb, utc_jd
 
 Array = npt.NDArray[np.float64]
 MOST_TIMES = 200_000
@@ -63,7 +63,10 @@ class Sky:
 
 
 def times(first: Epoch, last: Epoch, step_s: float) -> Array:
-    """Times (n,) from first to last, both included where the step allows, s after the first.
+    """Times (n,) from first to last, both included where the step allows, TDB s after the first.
+
+    Steps are of the scale in which the first is said: days of UTC are its days, although the seconds of TDB differ by
+    up to 2 ms, and by leap seconds.
 
     Raises
     ------
@@ -74,10 +77,16 @@ def times(first: Epoch, last: Epoch, step_s: float) -> Array:
         raise InputError(f"--to {last.iso('utc', 0)} is before --from {first.iso('utc', 0)}")
     if not step_s > 0.0:
         raise InputError(f"--step needs to be positive (got {step_s:g} s)")
-    count = int(min((last - first) / step_s + 1e-9, 1e15)) + 1
+    count = int(min((last - first + 2e-3) / step_s + 1e-9, 1e15)) + 1
     if count > MOST_TIMES:
         raise InputError(f"--step: {count:,} times are asked for (allowed {MOST_TIMES:,}); take a longer step")
-    return np.asarray(step_s * np.arange(count), dtype=np.float64)
+    t_s = np.asarray(step_s * np.arange(count), dtype=np.float64)
+    if first.scale != "utc":
+        return t_s
+    day, fraction = utc_jd(first, np.zeros(1))
+    tdb = to_tdb(np.full(count, day[0]), fraction[0] + t_s / SECONDS_PER_DAY, "utc")
+    t_s = ((tdb[0] - first.day) + (tdb[1] - first.fraction)) * SECONDS_PER_DAY
+    return np.asarray(t_s[t_s <= (last - first) + 2e-3])
 
 
 def sky(orbit: UncertainOrbit, observer: Telescope, epoch: Epoch, t_s: Array, ephemeris: Ephemeris) -> Sky:

@@ -47,7 +47,7 @@ def read_mpc_orb(path: Path, content: Mapping[str, Any]) -> Given:
     _require_axes(name, orbit)
     names = block.get("coefficient_names") or block.get("element_order")
     values = block.get("coefficient_values") or block.get("element_values")
-    if not isinstance(names, list) or tuple(names[:6]) != STATE:
+    if not isinstance(names, list) or not all(isinstance(n, str) for n in names) or tuple(names[:6]) != STATE:
         raise InputError(f"{name}: CAR.coefficient_names: needs {', '.join(STATE)} first (got {str(names)[:80]})")
     numbers = _numbers(values, len(names), f"{name}: CAR.coefficient_values")
     n = len(names)
@@ -81,8 +81,8 @@ def _require_axes(name: str, orbit: Mapping[str, Any]) -> None:
     system = orbit.get("system_data")
     system = system if isinstance(system, dict) else {}
     said = (str(system.get("refsys", "Ecliptic")).lower(), str(system.get("refframe", "ICRF")).upper())
-    obliquity = str(system.get("EclipticObliquityArcseconds", OBLIQUITY_ARCSEC))
-    if not said[0].startswith("ecliptic") or said[1] not in ("ICRF", "J2000") or float(obliquity) != OBLIQUITY_ARCSEC:
+    same = str(system.get("EclipticObliquityArcseconds", OBLIQUITY_ARCSEC)).rstrip("0") == str(OBLIQUITY_ARCSEC)
+    if not said[0].startswith("ecliptic") or said[1] not in ("ICRF", "J2000") or not same:
         raise InputError(
             f"{name}: system_data: only the ecliptic of J2000 on ICRF, 84381.448 arcsec, is read (got {said})"
         )

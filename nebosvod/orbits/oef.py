@@ -136,7 +136,7 @@ class _Reader:
         elif key == "MJD":
             block.epoch = self._epoch(words)
         elif key == "MAG":
-            H, G = [*self._numbers(words[:2]), 0.15][:2]
+            H, G = ([*self._numbers(words[:2]), 0.15] if words else [99.0, 0.15])[:2]
             block.magnitude = (H, G) if H < 90.0 else None
         elif key == "LSP":
             self._dimensions(block, words)

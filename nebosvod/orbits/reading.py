@@ -1,10 +1,14 @@
 """What a file or a folder is, told by what is inside, and the orbit in it."""
 
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
+import numpy as np
+
 from nebosvod.borders.stored import read_object
-from nebosvod.errors import InputError
+from nebosvod.errors import InputError, NebosvodError
 from nebosvod.mission.yaml.yamlfile import read_text, shown
 from nebosvod.orbits.conversion import Given, uncertain
 from nebosvod.orbits.folders import is_folder_of_ours, read_folder_orbit
@@ -26,10 +30,17 @@ def read_orbit_file(path: Path) -> UncertainOrbit | None:
     InputError
         With file and line, if it is of a known kind and cannot be used; if it is a folder of another kind.
     """
+    _require_there(path)
     if path.is_dir():
         if not is_folder_of_ours(path):
             raise InputError(f"{shown(str(path))}: is a folder without a run or a fit; an orbit is {KNOWN}")
         return read_folder_orbit(path)
+    with _of_others(path.name):
+        return _foreign(path)
+
+
+def _foreign(path: Path) -> UncertainOrbit | None:
+    """The orbit of a file that is none of ours."""
     head = _head(path)
     start = head.lstrip("\ufeff \t\r\n")
     if start.startswith("CCSDS_OEM_VERS"):
@@ -41,10 +52,31 @@ def read_orbit_file(path: Path) -> UncertainOrbit | None:
     return None
 
 
+@contextmanager
+def _of_others(name: str) -> Iterator[None]:
+    """What a file leads to whose numbers no orbit has, or whose parts are of other kinds than they should be."""
+    try:
+        with np.errstate(all="ignore"):
+            yield
+    except NebosvodError:
+        raise
+    except (ArithmeticError, LookupError, TypeError, ValueError) as error:
+        said = shown(f"{type(error).__name__}: {error}", 120)
+        raise InputError(f"{name}: cannot be read ({said}); damaged, or numbers that no orbit has") from None
+
+
+def _require_there(path: Path) -> None:
+    """Raise InputError unless there is something at a path."""
+    try:
+        there = path.exists()
+    except (OSError, ValueError) as error:
+        raise InputError(f"{shown(str(path), 80)}: is not a usable file name ({shown(str(error), 80)})") from None
+    if not there:
+        raise InputError(f"{shown(str(path))}: no such file; an orbit is {KNOWN}, or a mission")
+
+
 def _head(path: Path) -> str:
     """The beginning of a regular file."""
-    if not path.exists():
-        raise InputError(f"{shown(str(path))}: no such file; an orbit is {KNOWN}, or a mission")
     if not path.is_file():
         raise InputError(f"{shown(str(path))}: is no regular file; an orbit is {KNOWN}, or a mission")
     with path.open("rb") as file:

@@ -97,7 +97,7 @@ def _elements(name: str, orbit: Mapping[str, Any], covariance: Mapping[str, Any]
         place, rows = "orbit.elements", orbit.get("elements")
     if not isinstance(rows, list):
         raise InputError(f"{name}: {place}: is missing; the elements must be those at the epoch of the covariance")
-    found = {NAMES[row["name"]]: row.get("value") for row in rows if isinstance(row, dict) and row.get("name") in NAMES}
+    found = {NAMES[name]: value for name, value in _pairs(rows) if name in NAMES}
     missing = [label for label in ORDER if label not in found]
     if missing:
         raise InputError(f"{name}: {place}: lacks {', '.join(missing)} (needs e, q, tp, om, w, i)")
@@ -197,15 +197,17 @@ def _object_name(answer: Mapping[str, Any], file: str) -> str:
 
 def _magnitude(answer: Mapping[str, Any]) -> tuple[float, float] | None:
     """H and G of the physical parameters; G = 0.15 where it is not said."""
-    rows = answer.get("phys_par")
-    pairs = (
-        [(row.get("name"), row.get("value")) for row in rows if isinstance(row, dict)] if isinstance(rows, list) else ()
-    )
-    known = dict(pairs)
+    known = dict(_pairs(answer.get("phys_par")))
     H, G = known.get("H"), known.get("G")
     if H is None:
         return None
     return _number(H, "phys_par.H"), _number(0.15 if G is None else G, "phys_par.G")
+
+
+def _pairs(rows: Any) -> list[tuple[str, Any]]:
+    """Names and values of a list of JPL's, as far as it is one."""
+    listed = rows if isinstance(rows, list) else []
+    return [(str(row["name"]), row.get("value")) for row in listed if isinstance(row, dict) and "name" in row]
 
 
 def _number(value: Any, where: str) -> float:

@@ -38,7 +38,7 @@ def read_orbit(path: str | Path) -> UncertainOrbit:
     if not isinstance(path, str | Path):
         raise InputError(f"an orbit is read by a path or the name of a mission (got {type(path).__name__})")
     file = Path(path)
-    if isinstance(path, str) and not file.exists() and path in builtin_names():
+    if isinstance(path, str) and path in builtin_names() and not file.exists():
         return mission_orbit(load_any(path))
     orbit = read_orbit_file(file)
     if orbit is not None:

@@ -294,8 +294,16 @@ def test_after_an_impact_there_are_no_places(capsys: pytest.CaptureFixture[str],
 
 
 def test_times_are_both_ends_included() -> None:
-    first = Epoch.parse("2024-01-01 UTC")
+    first = Epoch.parse("2024-01-01 TDB")
     assert times(first, first + 10.0, 2.5).tolist() == [0.0, 2.5, 5.0, 7.5, 10.0]
     assert times(first, first, 1.0).tolist() == [0.0]
     with pytest.raises(InputError):
         times(first, first + 10.0, 0.0)
+
+
+def test_days_of_utc_begin_at_midnight_over_a_leap_second_too() -> None:
+    first, last = Epoch.parse("2016-12-30 UTC"), Epoch.parse("2017-06-30 UTC")
+    found = times(first, last, DAY_S)
+    assert {(first + t).iso("utc")[11:] for t in found} == {"00:00:00.000 UTC"}
+    assert len(found) == 183
+    assert found[-1] - 182 * DAY_S == pytest.approx(1.0, abs=3e-3)

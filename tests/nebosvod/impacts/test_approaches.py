@@ -26,7 +26,7 @@ DATA = SHARED / "data" / "orbits"
 needs_data = pytest.mark.skipif(not DATA.is_dir(), reason="the folder of reference data is not here")
 START = Epoch.parse("2010-01-01 TDB")
 YEAR_S = 365.25 * SECONDS_PER_DAY
-DENSE_S = 1800.0
+DENSE_S = 3600.0
 WITHIN_AU = 0.1
 
 
@@ -53,7 +53,7 @@ def drawn(number: int, bodies: Ephemeris) -> UncertainOrbit:
 
 
 def by_dense_stepping(trajectory: Trajectory, end_s: float, bodies: Ephemeris) -> list[tuple[str, float, float]]:
-    """Body, time and distance of all minima below the limit: half-hourly distances and a search between neighbours."""
+    """Body, time and distance of all minima below the limit: hourly distances and a search between neighbours."""
     t = DENSE_S * np.arange(int(end_s / DENSE_S) + 1)
     orbit = np.concatenate([trajectory.state_at(part)[:, :3] for part in np.array_split(t, 20)])
     sun = bodies.position_km("sun", START, t)
@@ -277,3 +277,27 @@ def test_command_says_how_near_the_nearest_is(capsys: pytest.CaptureFixture[str]
     assert main(["approaches", ceres, "--from", "2024-01-01", "--to", "2026-01-01"]) == 0
     text = capsys.readouterr().out
     assert "no approach within 0.1 au from 2024-01-01 to 2026-01-01; the nearest is to " in text
+
+
+@needs_data
+def test_compare_sets_two_orbits_of_one_object_side_by_side(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    dates = ["--from", "2032-12-01", "--to", "2033-01-01"]
+    near = ["--from", "2032-12-01", "--to", "2032-12-12"]  # later the ellipse is so long that it is bent
+    for name, orbit in (("esa", "neocc/2024YR4.ke0"), ("jpl", "sbdb/2024YR4_phys.json")):
+        assert main(["approaches", str(DATA / orbit), *dates, "-o", str(tmp_path / name)]) == 0
+        assert main(["ephemeris", str(DATA / orbit), *near, "--step", "5 d", "-o", str(tmp_path / f"{name}-sky")]) == 0
+    capsys.readouterr()
+    assert main(["compare", str(tmp_path / "esa"), str(tmp_path / "jpl"), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["warnings"] == []
+    assert [row["body"] for row in found["rows"]] == ["earth", "moon"]
+    esa, jpl = (row["distance_km"] for row in found["rows"][0]["by_run"])
+    assert abs(esa - jpl) < 3.0 * found["rows"][0]["by_run"][0]["sigma_distance_km"]
+    assert main(["compare", str(tmp_path / "esa-sky"), str(tmp_path / "jpl-sky"), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert all(0.0 < row["by_run"][1]["offset_sigmas"] < 1.0 for row in found["rows"])
+    assert all(row["by_run"][0]["offset_sigmas"] == 0.0 for row in found["rows"])
+    assert main(["compare", str(tmp_path / "esa"), str(tmp_path / "jpl")]) == 0
+    assert "2032-12-22" in capsys.readouterr().out
+    assert main(["compare", str(tmp_path / "esa"), str(tmp_path / "jpl-sky")]) == 2
+    assert "folders of one kind" in capsys.readouterr().err

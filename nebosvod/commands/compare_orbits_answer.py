@@ -1,0 +1,59 @@
+"""What a comparison of ephemerides or of approaches says on a terminal."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import click
+
+from nebosvod.commands.approaches_answer import amount, chance, lasting
+from nebosvod.timescale import Epoch
+
+MOST_ROWS = 40
+
+
+def print_orbit_comparison(found: Mapping[str, Any]) -> None:
+    """Print the folders, warnings, and a line for each time or approach."""
+    for run in found["runs"]:
+        seen = f", from {run['observer']}" if run["observer"] else ""
+        click.echo(f"{run['label']}: {run['object']}{seen}; orbit: {run['orbit']}")
+    for warning in found["warnings"]:
+        click.echo(f"warning: {warning}")
+    labels = [run["label"] for run in found["runs"]]
+    lines = _places(found["rows"], labels) if found["kind"] == "ephemeris" else _approaches(found["rows"], labels)
+    click.echo("")
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    for line in lines[: MOST_ROWS + 1]:
+        click.echo("  ".join(cell.rjust(width) for cell, width in zip(line, widths, strict=True)))
+    if len(lines) > MOST_ROWS + 1:
+        click.echo(f"... and {len(lines) - MOST_ROWS - 1} more (--json has them all)")
+
+
+def _places(rows: list[Any], labels: list[str]) -> list[list[str]]:
+    """Offsets from the first, arcsec, with the number of own sigmas."""
+    lines = [["UTC", f"{labels[0]}, ellipse", *(f"{label} minus first" for label in labels[1:])]]
+    for row in rows:
+        first, *others = row["by_run"]
+        cells = [row["epoch_utc"].removesuffix(" UTC").removesuffix(".000").replace("T", " ")]
+        cells.append(f'{first["semi_major_arcsec"]:.3g} x {first["semi_minor_arcsec"]:.3g}"')
+        for one in others:
+            shift = "-" if one is None else f'{one["offset_ra_arcsec"]:+.3g} {one["offset_dec_arcsec"]:+.3g}"'
+            cells.append(shift if one is None else f"{shift} ({one['offset_sigmas']:.2g} sigma)")
+        lines.append(cells)
+    return lines
+
+
+def _approaches(rows: list[Any], labels: list[str]) -> list[list[str]]:
+    """When and how near by each."""
+    lines = [["body", *labels]]
+    for row in rows:
+        cells = [row["body"]]
+        for one in row["by_run"]:
+            if one is None:
+                cells.append("-")
+                continue
+            when = Epoch.parse(one["epoch_utc"]).iso("utc", 0)[:19].replace("T", " ")
+            near = f"{amount(one['distance_km'])} +- {amount(one['sigma_distance_km'])} km"
+            hit = "" if (one["impact_probability_linear"] or 0.0) < 1e-12 else f", P {chance(one)}"
+            cells.append(f"{when} +- {lasting(one['sigma_time_s'])}, {near}{hit}")
+        lines.append(cells)
+    return lines
