@@ -7,6 +7,7 @@ import subprocess
 import sys
 import tomllib
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -257,7 +258,7 @@ def test_files_that_the_tools_and_the_guide_name_are_there(name: str) -> None:
 
 def test_hooks_run_from_the_environment_and_fetch_nothing() -> None:
     """Each is local, of this machine, from .venv, and at a stage that is installed."""
-    settings = parse_yaml((ROOT / ".pre-commit-config.yaml").read_text("utf-8"), "hooks").tree
+    settings: Any = parse_yaml((ROOT / ".pre-commit-config.yaml").read_text("utf-8"), "hooks").tree
     (repository,) = settings["repos"]
     assert repository["repo"] == "local"
     for hook in repository["hooks"]:

@@ -329,5 +329,5 @@ def test_far_perihelion_costs_no_more_than_the_digits_of_its_distance() -> None:
         with mp.workdps(50):
             a = mp.mpf(q) / (1 - mp.mpf(e))
             turned = mp.fmod(-mp.mpf(tp) * mp.sqrt(mp.mpf(GM) / a**3) + mp.pi, 2 * mp.pi) - mp.pi
-            wanted = np.array([float(v) for v in by_anomalies(a, mp.mpf(e), *map(mp.mpf, (0.5, 1, 2)), turned)])
+            wanted = np.array([float(v) for v in by_anomalies(a, mp.mpf(e), *map(mp.mpf, (0.5, 1, 2)), turned)])  # type: ignore[call-arg]
         assert relative(cometary_to_state([e, q, tp, 1.0, 2.0, 0.5], GM)[0], wanted) < 4e-12 / (1.0 - e)

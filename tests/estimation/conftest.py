@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -162,7 +163,8 @@ def assumed_noise(problem: LinearProblem) -> Array:
         ),
         markov=tuple(m for m in problem.markov if m.treatment == "estimated"),
     )
-    for nuisance in (*bare.white, *bare.markov):
+    nuisances: tuple[Any, ...] = (*bare.white, *bare.markov)
+    for nuisance in nuisances:
         out = out + fresh_covariance(bare, nuisance.name)
     return out
 

@@ -341,7 +341,7 @@ def test_white_z_in_the_weights_is_the_same_as_z_carried_as_parameters(make_prob
     np.testing.assert_allclose(explicit.mean[: len(found.names)], found.mean, atol=1e-12)
     assert explicit.chi2 == pytest.approx(found.chi2, rel=1e-12)
     both = [name for name in explicit.sources if name.startswith("z A")]
-    share = sum(explicit.shares[name] for name in both)[: len(found.names), : len(found.names)]
+    share = sum(explicit.shares[name] for name in both)[: len(found.names), : len(found.names)]  # type: ignore[index]
     np.testing.assert_allclose(share, found.shares["z A"], atol=1e-12)
 
 

@@ -1,5 +1,7 @@
 """Grid block, moments, equivalent measurement."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -121,7 +123,8 @@ def test_the_drift_over_the_interval_makes_the_correction_honest():
     T, n, sigma, rate = 2.0, 20, 0.05, 0.2
     t = np.linspace(0.0, T, n)
     prior = Belief.of([0.0], [[1.0]])
-    plain, drifting = [], []
+    plain: list[Any] = []
+    drifting: list[Any] = []
     for _ in range(60):
         x, v = rng.normal(), rate * rng.normal()
         block = GridBlock.of_prior(prior, 1, points=401)
@@ -208,14 +211,14 @@ def test_a_field_of_one_coordinate_gives_one_row(direction, field):
     prior = Belief.of(np.zeros(2), np.eye(2))
     h = {"slope": lambda s: s, "plateau": lambda s: np.maximum(s, 0.0), "nothing": np.zeros_like}[field]
     block = GridBlock.of_prior(prior, 2, points=121)
-    block = block.update(np.array([0.7]), h(block.nodes @ direction)[:, None], np.zeros((1, 0)), np.array([[0.09]]))
+    block = block.update(np.array([0.7]), h(block.nodes @ direction)[:, None], np.zeros((1, 0)), np.array([[0.09]]))  # type: ignore[operator]
     found = equivalent_measurement(prior, block.moments())
     if field == "nothing":
         assert len(found.y) == 0
         return
     assert len(found.y) == 1
     s = np.linspace(-8.0, 8.0, 200001)  # the other coordinate keeps its prior
-    density = np.exp(-0.5 * s**2 - 0.5 * ((0.7 - h(s)) / 0.3) ** 2)
+    density = np.exp(-0.5 * s**2 - 0.5 * ((0.7 - h(s)) / 0.3) ** 2)  # type: ignore[operator]
     mean = np.sum(density * s) / density.sum()
     variance = np.sum(density * (s - mean) ** 2) / density.sum()
     after, _ = kalman.update(prior, found.y - found.H @ prior.mean, found.H, found.R)

@@ -157,7 +157,7 @@ def test_worst_prediction_is_between_the_noise_share_and_the_absolute_bound(make
     W = np.eye(len(found.names))[:2]
     noise = sum(found.shares[name] for name in problem.noise_names)
     for d, worst in enumerate(extended.worst_prediction(problem, W, np.arange(20.0))):
-        assert worst.sigma_white == pytest.approx(np.sqrt(noise[d, d]), rel=1e-9)
+        assert worst.sigma_white == pytest.approx(np.sqrt(noise[d, d]), rel=1e-9)  # type: ignore[index]
         assert worst.sigma_white <= worst.sigma <= worst.bound
 
 

@@ -1,6 +1,7 @@
 """Means of errors shift the estimate and every prediction: dense algebra, Monte Carlo, filters of their own gain."""
 
 from functools import partial
+from typing import Any
 
 import numpy as np
 import pytest
@@ -57,7 +58,7 @@ def test_monte_carlo_finds_the_same_mean_error_of_the_state_and_of_a_prediction(
     problem = make_problem(
         seed=11, n=40, z="white", treatments={"c": "ignored", "bias": "considered"}, state_prior="own"
     )
-    means = {"c1": 0.7, "bias A 0": 1.3, "x": -0.5, "z A": np.array([0.4, 0.0, -0.2])}
+    means: dict[str, Any] = {"c1": 0.7, "bias A 0": 1.3, "x": -0.5, "z A": np.array([0.4, 0.0, -0.2])}
     rng = np.random.default_rng(20)
     expected = dense(problem)
     names = [*expected.names, *expected.left_out]

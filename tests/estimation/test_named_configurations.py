@@ -22,7 +22,7 @@ BIASES = ("bias A 0", "bias A 1", "bias B 0", "bias B 1")
 class Closed:
     """What a closed formula says: names, believed and true covariance."""
 
-    names: tuple
+    names: tuple[str, ...]
     formal: np.ndarray
     true: np.ndarray
 

@@ -43,7 +43,7 @@ def badly_posed(seed, n, weak, scale, prior, deficient, nuisance, considered):
         priors.append(Prior(name="state", names=names, covariance=np.diag(size**2)))
     white = ()
     if nuisance is not None:
-        white = (White(name="z", H=rng.normal(size=(n, 2, 3)), Q=nuisance * np.eye(3), rows=np.arange(n)),)
+        white = (White(name="z", H=rng.normal(size=(n, 2, 3)), Q=nuisance * np.eye(3), rows=np.arange(n)),)  # type: ignore[assignment]
     return LinearProblem(
         residual=rng.normal(size=(n, 2)), R=np.eye(2), blocks=tuple(blocks), priors=tuple(priors), white=white
     )

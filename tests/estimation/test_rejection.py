@@ -1,5 +1,7 @@
 """Rejection and recovery of measurements, by the covariance of each residual."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -28,7 +30,7 @@ def drawn(rng, n=25, sigma=0.3):
 def rounds(t, y, sigma, thresholds, held=None):
     """Fit and reselect until nothing changes."""
     selected = np.ones(len(t), dtype=bool)
-    history = []
+    history: list[Any] = []
     for _ in range(20):
         estimate, S, H = line_fit(y, sigma, selected, t)
         chi2 = chi_squared(y - H @ estimate, np.tile(sigma**2 * np.eye(2), (len(t), 1, 1)), H, S, selected)

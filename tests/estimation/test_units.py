@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -173,7 +174,7 @@ MIXED = {"c": "considered", "bias": "ignored"}
 
 @case("batch.solve", "normal_equations.solve_blocks", "normal_equations.solve_identity", "sources.estimate_of")
 def batch_ways(units):
-    out = {}
+    out: dict[str, Any] = {}
     for z in ("white", "markov", "both"):
         for state_prior in ("none", "joint"):
             given_problem = problem(units, z=z, state_prior=state_prior)
@@ -185,7 +186,7 @@ def batch_ways(units):
 
 @case("estimate.Estimate", "estimate.Prediction", "estimate.Solution", "partition.Partition", "whitening.Whitener")
 def batch_treatments(units):
-    out = {}
+    out: dict[str, Any] = {}
     for treat in (MIXED, {"z": "considered"}, {"z": "ignored", "bias": "considered"}, {"c": "fixed"}):
         found = batch.solve(problem(units, treatments=treat, truth=True))
         out |= {f"{treat} {key}": value for key, value in numbers(found, units).items()}
@@ -245,7 +246,7 @@ def recursive_filter(units):
 
 @case("sequential.solve", "sequential.resolved", "sequential.as_printed_takes_afresh")
 def sequential_gains(units):
-    out = {}
+    out: dict[str, Any] = {}
     for gain in ("formal", "schmidt"):
         for gate in (None, 0.9):
             found = sequential.solve(problem(units, treatments=MIXED, truth=True, state_prior="own"), gain, gate)
@@ -263,7 +264,7 @@ def two_stage_over_a_problem(units):
 
 @case("refined.refine", "refined.NuisanceEstimate")
 def refined(units):
-    out = {}
+    out: dict[str, Any] = {}
     for z in ("white", "markov"):
         given_problem = problem(units, z=z, state_prior="joint", q=3)
         found_problem = batch.solve(given_problem)
@@ -302,7 +303,7 @@ def a_chain_that_is_partly_known(units):
 )  # fmt: skip
 def budgets(units):
     given_problem = problem(units, treatments=MIXED, z="both")
-    out = {}
+    out: dict[str, Any] = {}
     for source in ("c", "bias A", "z A", "z B slow"):
         found = budget.if_vanished(given_problem, source, ("vy",))
         sizes = np.array([found.sigma, found.sigma_same_gain, found.sigma_new_gain])
@@ -470,7 +471,7 @@ def iterated(units):
             residual=(observed - distance)[:, None] * m, R=[[0.01 * m**2]], blocks=(block,), priors=(prior,)
         )
 
-    out = {}
+    out: dict[str, Any] = {}
     for damped in (True, False):
         found = gauss_newton(linearise, damped=damped, tolerance=1e-10)
         out |= {
@@ -580,7 +581,7 @@ def considered(units):
     w = units.z[:2]
     zeta, H_c = rng.normal(size=(3, 2)) * u[:, None] / w, rng.normal(size=(2, 2)) * units.m[:, None] / w
     S = np.array([[1.0, 0.4], [0.4, 2.0]]) * np.outer(w, w)
-    out = {}
+    out: dict[str, Any] = {}
     for gain in ("considered", "schmidt"):
         now = consider.ConsiderBelief.start(belief.mean, belief.covariance, S)
         audit = consider.Audit(parts={"prior": belief.covariance})
@@ -609,7 +610,7 @@ def two_stages(units):
     A = rng.normal(size=(3, 3))
     P_b = (A @ A.T + np.eye(3)) * np.outer(w, w)
     cross = 0.2 * rng.normal(size=(3, 3)) * np.outer(u, w)
-    out = {}
+    out: dict[str, Any] = {}
     for name, predict in (("friedland", two_stage.predict_friedland), ("hsieh", two_stage.predict_hsieh_chen)):
         stage = two_stage.TwoStage.start(belief.mean, 0.1 * w, belief.covariance, P_b, cross)
         test = two_stage.BiasTest.start(3)

@@ -1,6 +1,7 @@
 """Curves of accuracy: their ends against missions that say the same, their slopes against closed forms."""
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -85,7 +86,8 @@ def dense_sigma(one: Fit, asked: Quantity, rows: int) -> float:
     for k in range(rows):
         noise[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] = np.broadcast_to(problem.R, (problem.n, 2, 2))[k]
     weighed, unseen = noise.copy(), np.zeros((m, m))
-    for group in (*problem.white, *problem.markov):
+    groups: tuple[Any, ...] = (*problem.white, *problem.markov)
+    for group in groups:
         D = np.zeros((m, 3 * rows))
         for H, k in zip(group.H, group.rows):
             if k < rows:
@@ -165,7 +167,7 @@ def test_the_slope_against_the_arc_is_that_of_the_curve(minimal_setting: Setting
     one, asked = solved(minimal_setting)
     found = curves(one, asked)[0].measurements
     late = [(d, s) for d, s in zip(found.days, found.totals["all"]) if d >= 15.0]
-    slope = np.polyfit(*np.log(np.array(late)).T, 1)[0]
+    slope = np.polyfit(*np.log(np.array(late)).T, 1)[0]  # type: ignore[call-overload]
     assert found.slope_arc["all"] == pytest.approx(slope, rel=0.1)
     assert found.slope_arc["noise_only"] < found.slope_arc["all"] < -1.0
 

@@ -1,5 +1,7 @@
 """Where an impactor comes down: against an integration by scipy and the geodesy of astropy; finite differences."""
 
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 import pytest
@@ -57,7 +59,8 @@ def geocentric_by_scipy() -> tuple[Array, list[object]]:
         return np.concatenate([x[3:], a])
 
     start = STATE + relative("sun", 0.0)
-    solver, ends, dense = DOP853(rate, 0.0, start, 61000.0, rtol=1e-12, atol=1e-6), [0.0], []
+    dense: list[Any] = []
+    solver, ends = DOP853(rate, 0.0, start, 61000.0, rtol=1e-12, atol=1e-6), [0.0]
     while solver.status == "running" and (len(dense) == 0 or np.linalg.norm(solver.y[:3]) > 6330.0):
         solver.step()
         ends.append(solver.t)
@@ -128,7 +131,7 @@ def test_time_and_place_move_as_their_partials_say(fall: Trajectory, column: int
         assert base.place_partials is not None
         assert base.place_partials[row, column] == pytest.approx(slope, rel=2e-3, abs=1e-9 / step)
     shifts = [ground_displacement(base.position_km, base.axes, one.position_km) for one in moved]
-    slope = (shifts[0] - shifts[1]) / (2.0 * step)
+    slope = (shifts[0] - shifts[1]) / (2.0 * step)  # type: ignore[assignment]
     assert base.partials_state[:, column] == pytest.approx(slope, rel=2e-3, abs=1e-5 / step)
 
 

@@ -256,7 +256,7 @@ class Dense:
         prior[3, 6] = prior[6, 3] = 2e-18
         sigma = np.sqrt(np.diag(prior))
         correlation = np.linalg.cholesky(prior / np.outer(sigma, sigma))
-        unit = [column(sigma[k], lambda s, k=k: self.sky(s * np.eye(6)[k])) for k in range(6)]
+        unit = [column(sigma[k], lambda s, k=k: self.sky(s * np.eye(6)[k])) for k in range(6)]  # type: ignore[misc]
         unit.append(column(sigma[6], lambda s: self.sky(np.zeros(6), A2=s)))
         columns += list((np.array(unit).T @ correlation).T)
         columns.append(column(0.1, lambda s: self.sky(np.zeros(6), ln_radius=s)))

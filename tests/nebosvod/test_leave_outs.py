@@ -16,7 +16,7 @@ from nebosvod.mission.reading.schema import fit_schema, mission_schema
 from nebosvod.timescale import Epoch
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
-import leave_outs
+import leave_outs  # type: ignore[import-not-found]
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 MINIMAL = (ROOT / "scenarios" / "minimal.yaml").read_text("utf-8")

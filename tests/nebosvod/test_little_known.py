@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -12,7 +13,7 @@ SHORT = "end: 2028-03-20T0{}:00:00 TDB, cadence: {} min"
 BEHIND = "  - {name: behind, like: ahead, orbit: {lead: -10 deg}}\n"
 
 
-def summary_of(folder: Path, text: str, *options: str) -> tuple[int, dict]:
+def summary_of(folder: Path, text: str, *options: str) -> tuple[int, dict[str, Any]]:
     mission = folder / "m.yaml"
     mission.write_text(text, "utf-8")
     code = main(["run", str(mission), "-o", str(folder / "out"), "--overwrite", *options])

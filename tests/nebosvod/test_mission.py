@@ -561,7 +561,7 @@ def test_the_law_of_the_non_gravitational_force_is_that_of_yarkovsky_of_comets_o
     assert law("water_ice") == Nongrav(a2_au_d2=-2.901766637153165e-14, **WATER_ICE)
     own = law("{alpha: 0.5, r0: 2 au, m: 2.1, k: 3}")
     assert own is not None
-    assert (own.alpha, own.r0_au, own.m, own.n, own.k) == (0.5, pytest.approx(2.0), 2.1, 5.093, 3.0)
+    assert (own.alpha, own.r0_au, own.m, own.n, own.k) == (0.5, pytest.approx(2.0), 2.1, 5.093, 3.0)  # type: ignore[comparison-overlap]
     # with another law A1 is a force of its own beside the radiation pressure; with the same one it repeats it
     a1 = ("  nongrav:\n", "  nongrav:\n    law: water_ice\n    A1: {value: 1e-9 au/d^2, treatment: fixed}\n")
     assert "a1_au_d2" in [p.name for p in mission(a1).parameters]

@@ -29,7 +29,7 @@ LEVEL = 0.01  # family level of each test; Bonferroni over its components
 
 def whitened(factor: Array, errors: Array) -> Array:
     """Errors (runs, s) in independent unit components, if the factor is right."""
-    return np.linalg.solve(factor, errors.T).T
+    return np.linalg.solve(factor, errors.T).T  # type: ignore[return-value]
 
 
 def assert_covariance(errors: Array, factor: Array) -> None:

@@ -3,6 +3,7 @@
 import json
 import warnings
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -27,7 +28,7 @@ predictions: [{name: p, plane: rtn, at: 2026-10-01 TDB}]
 """
 
 
-def run(folder: Path, text: str) -> tuple[dict, dict[str, np.ndarray]]:
+def run(folder: Path, text: str) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """Summary and table of visibility."""
     from astropy.table import Table
 

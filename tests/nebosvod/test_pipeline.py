@@ -1,6 +1,7 @@
 """The main job: the numbers of a run against each other, against finite differences, and against a second algorithm."""
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -63,7 +64,7 @@ def test_budget_shares_of_every_predicted_component_add_up_to_one(apophis_result
         assert np.abs(shares.sum(axis=0) - 1.0).max() < 1e-10
 
 
-INDEPENDENT = {
+INDEPENDENT: dict[str, Any] = {
     "sigma_position_km": 117.2418,
     "sigma_velocity_m_s": 0.0175752,
     "encounter": (1.080406, 0.748569),

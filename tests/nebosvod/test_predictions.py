@@ -151,7 +151,7 @@ def test_the_share_of_impacts_has_the_exact_binomial_interval() -> None:
     none = impact_share(fate)
     assert none.hits == 0
     # closed form at zero hits: (1 - p)^n = 0.025
-    assert none.interval_95 == (0.0, pytest.approx(1.0 - 0.025 ** (1 / 200), rel=1e-9))
+    assert none.interval_95 == (0.0, pytest.approx(1.0 - 0.025 ** (1 / 200), rel=1e-9))  # type: ignore[comparison-overlap]
     fate[:50] = 1.0
     some = impact_share(fate)
     assert some.probability == 0.25

@@ -155,14 +155,14 @@ def test_datetimes_need_a_zone() -> None:
 )
 def test_a_wrong_dimension_is_refused_by_name(arguments: tuple[Any, ...], message: str, forces: ForceModel) -> None:
     with pytest.raises(InputError, match=message):
-        propagate(*arguments, forces)
+        propagate(*arguments, forces)  # type: ignore[call-arg]
 
 
 def test_what_has_no_unit_takes_none(forces: ForceModel) -> None:
     with pytest.raises(InputError, match=r"propagate: tolerance: takes no units, got a quantity"):
         propagate(STATE, EPOCH, [0.0], forces, tolerance=1e-10 * u.km)
     with pytest.raises(InputError, match=r"Prior: covariance: takes no units"):
-        Prior(names=("x",), covariance=np.eye(1) * u.km**2)
+        Prior(names=("x",), covariance=np.eye(1) * u.km**2)  # type: ignore[call-arg]
 
 
 def test_telescopes_and_measurements(forces: ForceModel) -> None:

@@ -140,7 +140,7 @@ def test_an_observatory_code_is_the_site_of_its_parallax_constants(tmp_path: Pat
     by_code = build_scene(with_file(tmp_path, minimal, orbit, "codes.json", text))
     by_hand = build_scene(load_mission_text(first_on("{kind: ground, " + ORBITS["ground"][0] + "}", minimal)))
     states = [s.telescopes[0].spacecraft.state_km_km_s(s.ephemeris, s.epoch, np.zeros(1)) for s in (by_code, by_hand)]
-    assert np.allclose(*states, rtol=0.0, atol=1e-6)
+    assert np.allclose(*states, rtol=0.0, atol=1e-6)  # type: ignore[misc]
 
 
 def test_a_ground_epoch_after_the_earth_rotation_table_is_refused_unless_extrapolation_is_allowed(

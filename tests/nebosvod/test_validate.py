@@ -21,7 +21,8 @@ from nebosvod.engine.trial import Setting
 from nebosvod.errors import InputError, OutputError
 from nebosvod.mission import Mission, load_mission, load_mission_text
 from nebosvod.mission.reading.builtin import builtin_names
-from nebosvod.studies.campaign import CHUNK_RUNS, Campaign, CampaignFolder, chunk_path, compute_chunk, passes
+from nebosvod.studies.campaign import CHUNK_RUNS, Campaign, CampaignFolder, compute_chunk, passes
+from nebosvod.studies.chunk import chunk_path
 from nebosvod.studies.validation import summary, validate
 
 SCHEMA = json.loads((Path(nebosvod.__file__).parent / "studies" / "validation.schema.json").read_text("utf-8"))

@@ -36,7 +36,7 @@ def test_gravity_bends_away_from_the_sun_by_the_law_of_einstein(epoch, ephemeris
     aside /= np.linalg.norm(aside)
     place = earth - sun[:3] + 1e13 * aside
 
-    class Resting(support.Shifted):
+    class Resting(support.Shifted):  # type: ignore[name-defined]
         def state_km_km_s(self, ephemeris, epoch, t_s):
             state = ephemeris.state_km_km_s("earth", epoch, t_s)
             state[:, 3:] = 0.0

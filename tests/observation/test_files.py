@@ -609,9 +609,9 @@ class TestOem:
         oem = read_oem(data / "formats" / "ccsds" / "AstroForgeSC_Optical.oem")
         assert len(oem.orbit.segments) >= 2
         first = oem.orbit.segments[0]
-        found = oem.orbit.state_km_km_s(ephemeris, oem.orbit.epoch, first.t_s)
-        earth = ephemeris.state_km_km_s("earth", oem.orbit.epoch, first.t_s)
-        np.testing.assert_allclose(found - earth, first.states, rtol=0.0, atol=1e-6)
+        found = oem.orbit.state_km_km_s(ephemeris, oem.orbit.epoch, first.t_s)  # type: ignore[attr-defined]
+        earth = ephemeris.state_km_km_s("earth", oem.orbit.epoch, first.t_s)  # type: ignore[attr-defined]
+        np.testing.assert_allclose(found - earth, first.states, rtol=0.0, atol=1e-6)  # type: ignore[attr-defined]
 
     @pytest.mark.parametrize(
         ("old", "new", "words"),
@@ -648,7 +648,7 @@ class TestOem:
         expected, found = (read_oem(self.write(tmp_path, text)).orbit for text in (plain, coded))
         assert coded != plain
         assert found.epoch == expected.epoch
-        np.testing.assert_array_equal(found.segments[0].t_s, expected.segments[0].t_s)
+        np.testing.assert_array_equal(found.segments[0].t_s, expected.segments[0].t_s)  # type: ignore[attr-defined]
         assert found.segments[0].end_s == expected.segments[0].end_s == pytest.approx(21600.0, abs=1e-5)
 
     def test_a_leap_second_has_a_day_of_the_year_too(self):

@@ -66,7 +66,7 @@ def test_the_first_candidate_of_a_real_object_is_its_orbit(
 ) -> None:
     records = records_of(data, file)
     found = candidates(records, telescopes(records, ephemeris).state_km_km_s, ephemeris)
-    off, wrong = errors(found[0], *jpl_state(data, name, jd), forces, ephemeris)
+    off, wrong = errors(found[0], *jpl_state(data, name, jd), forces, ephemeris)  # type: ignore[call-arg]
     assert off < distance
     assert wrong < velocity
     assert found[0].rms_arcsec < rms
@@ -126,7 +126,7 @@ def test_arcs_cut_out_of_long_ones_lead_to_the_orbit(data, ephemeris, forces, na
             continue
         part = records.select(np.arange(first, last))
         found = candidates(part, telescopes(part, ephemeris).state_km_km_s, ephemeris)
-        off, _ = errors(found[0], *truth, forces, ephemeris)
+        off, _ = errors(found[0], *truth, forces, ephemeris)  # type: ignore[call-arg]
         assert off < largest, (first, last, off)
         done += 1
 
@@ -167,7 +167,7 @@ def test_three_directions_are_enough_to_try(data, ephemeris, forces) -> None:
     records = records_of(data, "2023DW").by_time()
     part = records.select(np.array([0, 60, len(records) - 1]))
     found = candidates(part, telescopes(part, ephemeris).state_km_km_s, ephemeris)
-    off = [errors(one, *jpl_state(data, "2023 DW", "2460004.5"), forces, ephemeris)[0] for one in found]
+    off = [errors(one, *jpl_state(data, "2023 DW", "2460004.5"), forces, ephemeris)[0] for one in found]  # type: ignore[call-arg]
     assert min(off) < 0.05
 
 
@@ -200,7 +200,7 @@ def test_of_orbits_that_fit_alike_the_common_kind_comes_first(data, ephemeris, f
     part = records.select(np.flatnonzero((records.utc > "2004-08-12") & (records.utc < "2004-08-24")))
     assert len(part) == 9
     found = candidates(part, telescopes(part, ephemeris).state_km_km_s, ephemeris)
-    off, _ = errors(found[0], *holman(data, ephemeris), forces, ephemeris)
+    off, _ = errors(found[0], *holman(data, ephemeris), forces, ephemeris)  # type: ignore[call-arg]
     assert off < 0.15
     assert found[0].rms_arcsec > min(one.rms_arcsec for one in found)
 

@@ -75,7 +75,7 @@ def test_times_must_be_a_vector_of_finite_numbers(two_body, ephemeris):
 
 
 def test_a_target_about_as_fast_as_light_is_refused(two_body, ephemeris, support):
-    class Racing(support.TwoBody):
+    class Racing(support.TwoBody):  # type: ignore[name-defined]
         @property
         def state(self):
             r = np.stack([1e8 + 2e5 * np.sin(self.t_s), 0 * self.t_s, 0 * self.t_s], axis=1)

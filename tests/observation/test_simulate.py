@@ -1,6 +1,7 @@
 """Synthetic measurements."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -33,7 +34,7 @@ def observation(two_body, ephemeris):
 
 @pytest.fixture(scope="module")
 def terms(observation, ephemeris):
-    kinds = [
+    kinds: list[Any] = [
         ConstantBias(name="bias", telescopes=("A",), sigma_rad=1e-7),
         WhitePosition(name="white", telescope="A", sigma_km=3.0, frame="rtn"),
         ConstantPosition(name="constant", telescopes=("A",), sigma_km=3.0),
@@ -100,7 +101,7 @@ def test_the_same_seed_draws_the_same_truth(terms):
 
 
 def test_what_is_fixed_has_no_error(observation, ephemeris):
-    kinds = [
+    kinds: list[Any] = [
         ConstantBias(name="bias", telescopes=("A",), sigma_rad=1e-7, mean_rad=[1e-7, 2e-7], treatment="fixed"),
         WhitePosition(name="white", telescope="A", sigma_km=3.0, treatment="fixed"),
     ]

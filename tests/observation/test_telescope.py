@@ -14,7 +14,7 @@ def test_one_sigma_stands_for_both_axes_and_is_read_only():
     telescope = Telescope(name="A", spacecraft=HERE, sigma_rad=1e-6)
     np.testing.assert_array_equal(telescope.sigma_rad, [1e-6, 1e-6])
     with pytest.raises(ValueError, match="read-only"):
-        telescope.sigma_rad[0] = 2.0
+        telescope.sigma_rad[0] = 2.0  # type: ignore[index]
 
 
 def test_noise_is_diagonal_for_a_still_target():

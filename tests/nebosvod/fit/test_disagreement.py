@@ -169,7 +169,7 @@ def test_seven_sharp_records_lead_a_crowd_that_shares_an_error(world, variant, s
 def test_sharp_records_at_one_end_of_the_year_lead_too(world, span):
     rng = np.random.default_rng(4)
     drifting = crowd(whole_year(rng, 1300), error=lambda day: (0.13 * day, 0.0))
-    rows = world.records(4, NEAR, occultations(rng.uniform(*span, 7)), drifting)
+    rows = world.records(4, NEAR, occultations(rng.uniform(*span, 7)), drifting)  # type: ignore[call-overload]
     mixed = world.fit(rows, NEAR)
     alone = world.fit([row for row in rows if row["stn"] == "275"], NEAR)
     assert mixed.chi2 < HELD

@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ HEAD = "schema_version: 1\nname: a5\nfit:\n  observations: [a5.obs]\n"
 WHEN = "2024-02-29T10:00:00 UTC"
 
 
-def run(folder: Path, more: str, code: int = 0) -> dict:
+def run(folder: Path, more: str, code: int = 0) -> dict[str, Any]:
     for name in ("a5.obs", "multi.oem"):
         (folder / name).write_bytes((SHARED / "cases" / name).read_bytes())
     (folder / "a5.yaml").write_text(HEAD + more, "utf-8")
@@ -24,7 +25,7 @@ def run(folder: Path, more: str, code: int = 0) -> dict:
     return json.loads((folder / "run" / "summary.json").read_text("utf-8")) if code < 2 else {}
 
 
-def vector(row: dict) -> np.ndarray:
+def vector(row: dict[str, Any]) -> np.ndarray:
     """Where a prediction sees the object, km."""
     ra, dec = np.radians([row["ra_deg"], row["dec_deg"]])
     return row["distance_km"] * np.array([np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.sin(dec)])

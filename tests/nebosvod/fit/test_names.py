@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -11,7 +12,7 @@ SHARED = Path(__file__).resolve().parents[3].parent / "shared"
 pytestmark = pytest.mark.skipif(not SHARED.is_dir(), reason="the folder of reference observations is not here")
 
 
-def summary(folder: Path) -> dict:
+def summary(folder: Path) -> dict[str, Any]:
     return json.loads((folder / "summary.json").read_text("utf-8"))
 
 

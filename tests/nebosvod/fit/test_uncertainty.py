@@ -274,7 +274,7 @@ def dense(arrays, B, known):
     n = len(arrays["R"])
     R = np.zeros((n, 2, n, 2))
     R[np.arange(n), :, np.arange(n), :] = arrays["R"]
-    R = R.reshape(2 * n, -1)
+    R = R.reshape(2 * n, -1)  # type: ignore[assignment]
     V = R + B if known else R
     L = np.linalg.cholesky(V)
     Q, triangle = np.linalg.qr(np.linalg.solve(L, H))

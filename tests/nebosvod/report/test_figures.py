@@ -91,7 +91,7 @@ def test_a_time_axis_has_a_few_dates_inside_it(days: float) -> None:
 
 def test_ticks_stand_at_the_dates_they_name() -> None:
     axis = scale.calendar(EPOCH, np.array([0.0, 144 * 86400.0]))
-    assert axis.ticks[0] == (pytest.approx(16.0), "2028-12")
+    assert axis.ticks[0] == (pytest.approx(16.0), "2028-12")  # type: ignore[comparison-overlap]
 
 
 def test_history_hides_what_is_undetermined_and_says_from_when(run: RunFolder) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from nebosvod.cli import main
-from nebosvod.commands.plan_answer import advice
+from nebosvod.planning.advice import advice
 from nebosvod.report.plan_page import gain_plate, make_plan_page, schedule_plate
 
 
