@@ -236,7 +236,7 @@ def test_every_number_of_a_prediction_without_an_answer_is_written(kind: type) -
     encounter = found.missing.facts.encounter if isinstance(found.missing.facts, EntryFacts) else found.missing.facts
     but = ()
     if isinstance(encounter, EncounterFacts) and encounter.ground is not None:
-        but = (encounter.ground.latitude_geocentric_deg, encounter.speed_km_s)
+        but = (encounter.ground.latitude_geocentric_deg, encounter.speed_km_s)  # type: ignore[assignment]
     assert not lost(found, prediction_rows.prediction(found), but)
 
 
