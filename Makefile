@@ -69,7 +69,7 @@ bench-all: $(STAMP)
 
 fuzz: $(STAMP)
 	NEBOSVOD_FUZZ_CASES=100000 $(BIN)/pytest tests/nebosvod/test_fuzz.py tests/nebosvod/test_folder_fuzz.py \
-		tests/observation/test_astrometry_fuzz.py tests/observation/test_spacecraft_fuzz.py
+		tests/nebosvod/orbits/test_orbit_fuzz.py tests/observation/test_astrometry_fuzz.py tests/observation/test_spacecraft_fuzz.py
 
 schema: $(STAMP)
 	$(BIN)/nebosvod schema > scenarios/nebosvod.schema.json

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from nebosvod.borders.stored import read_object
-from nebosvod.errors import InputError, NebosvodError
+from nebosvod.errors import InputError, NebosvodError, printable
 from nebosvod.mission.yaml.yamlfile import read_text, shown
 from nebosvod.orbits.conversion import Given, uncertain
 from nebosvod.orbits.folders import is_folder_of_ours, read_folder_orbit
@@ -54,13 +54,18 @@ def _foreign(path: Path) -> UncertainOrbit | None:
 
 @contextmanager
 def _of_others(name: str) -> Iterator[None]:
-    """What a file leads to whose numbers no orbit has, or whose parts are of other kinds than they should be."""
+    """What a file leads to whose numbers no orbit has, or whose parts are of other kinds than they should be.
+
+    What is said begins with the file or names it, on lines that cannot disturb a terminal.
+    """
     try:
         with np.errstate(all="ignore"):
             yield
-    except NebosvodError:
+    except NebosvodError as error:
+        said = "\n".join(printable(line) for line in str(error).split("\n"))
+        error.args = (said if name in said else f"{shown(name)}: {said}",)
         raise
-    except (ArithmeticError, LookupError, TypeError, ValueError) as error:
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError, RecursionError) as error:
         said = shown(f"{type(error).__name__}: {error}", 120)
         raise InputError(f"{name}: cannot be read ({said}); damaged, or numbers that no orbit has") from None
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from nebosvod.errors import DataError, InputError, listed
+from nebosvod.errors import printable as escaped
 
 LARGEST_BYTES = 32_000_000  # unpacked; the longest list of one object has 3
 MOST_LINES = 250_000
@@ -106,7 +107,7 @@ class SourceFile:
         if kind in self.problems:
             self.problems[kind].lines.append(line)
         elif len(self.problems) < MOST_PROBLEMS:
-            self.problems[kind] = Problem(text, [line])
+            self.problems[kind] = Problem(escaped(text), [line])
         else:
             self.unsaid += 1
 
@@ -167,5 +168,4 @@ def read_source(path: str | Path) -> SourceFile:
 
 def printable(text: str, limit: int = 120) -> str:
     """Text made safe for a terminal: control characters escaped, long text cut."""
-    cut = text if len(text) <= limit else text[:limit] + "..."
-    return "".join(letter if letter.isprintable() else ascii(letter)[1:-1] for letter in cut)
+    return escaped(text if len(text) <= limit else text[:limit] + "...")
