@@ -31,12 +31,10 @@ def read_orbit_file(path: Path) -> UncertainOrbit | None:
         With file and line, if it is of a known kind and cannot be used; if it is a folder of another kind.
     """
     _require_there(path)
-    if path.is_dir():
-        if not is_folder_of_ours(path):
-            raise InputError(f"{shown(str(path))}: is a folder without a run or a fit; an orbit is {KNOWN}")
-        return read_folder_orbit(path)
+    if path.is_dir() and not is_folder_of_ours(path):
+        raise InputError(f"{shown(str(path))}: is a folder without a run or a fit; an orbit is {KNOWN}")
     with _of_others(path.name):
-        return _foreign(path)
+        return read_folder_orbit(path) if path.is_dir() else _foreign(path)
 
 
 def _foreign(path: Path) -> UncertainOrbit | None:
