@@ -29,22 +29,32 @@ def displaced(base: Quantity, other: Quantity) -> Array | None:
             return None
         return ground_displacement(base.anchor, base.axes, other.anchor)
     if isinstance(base.facts, SkyFacts) and isinstance(other.facts, SkyFacts):
-        turn = np.radians(other.facts.ra_deg - base.facts.ra_deg)
-        turn = (turn + np.pi) % (2.0 * np.pi) - np.pi
-        north = np.radians(base.facts.dec_deg)
-        return np.array([turn * np.cos(north), np.radians(other.facts.dec_deg) - north]) / ARCSEC
+        return np.asarray(on_the_sky(base.facts, np.radians([[other.facts.ra_deg, other.facts.dec_deg]]))[0])
     if base.axes is None:
         return None if base.value is None or other.value is None else np.asarray(other.value - base.value)
     if isinstance(base.facts, StateFacts) and isinstance(other.facts, StateFacts):
-        if base.unit == "m_s":
-            return np.asarray(M_PER_KM * base.axes @ (other.facts.velocity_km_s - base.facts.velocity_km_s))
-        return np.asarray(base.axes @ (other.facts.position_km - base.facts.position_km))
+        state = np.concatenate([other.facts.position_km, other.facts.velocity_km_s])
+        return np.asarray(of_the_state(base.axes, base.unit, base.facts, state[None])[0])
     if base.value is None or other.value is None or other.axes is None:
         return None
     point = other.value[0] * other.axes[0] + other.value[1] * other.axes[2]
     if base.request.plane == "mtp":  # along the other orbit's direction into the base's plane
         point = point - (base.axes[1] @ point) / (base.axes[1] @ other.axes[1]) * other.axes[1]
     return np.asarray(base.axes[[0, 2]] @ point - base.value)
+
+
+def on_the_sky(base: SkyFacts, psi: Array) -> Array:
+    """Offsets (n, 2) of directions psi (n, 2), rad, from that of the base: RA cos Dec and Dec, arcsec."""
+    turn = (psi[:, 0] - np.radians(base.ra_deg) + np.pi) % (2.0 * np.pi) - np.pi
+    north = np.radians(base.dec_deg)
+    return np.stack([turn * np.cos(north), psi[:, 1] - north], axis=1) / ARCSEC
+
+
+def of_the_state(axes: Array, unit: str, base: StateFacts, states: Array) -> Array:
+    """Displacements (n, 3) of heliocentric states (n, 6) from the base, on axes (3, 3): of position, km, or in m/s."""
+    if unit == "m_s":
+        return np.asarray((states[:, 3:] - base.velocity_km_s) @ (M_PER_KM * axes).T)
+    return np.asarray((states[:, :3] - base.position_km) @ axes.T)
 
 
 def moved_quantities(
@@ -58,13 +68,13 @@ def moved_events(
     scene: Scene, fit: Fit, asked: Sequence[Quantity], deviation: Mapping[str, float]
 ) -> list[tuple[Array | None, bool | None]]:
     """The same, and whether that orbit hits the body of the encounter; None where there is no such orbit."""
-    flown: dict[bool, Trajectory | str | None] = {False: _fly(scene, _displaced(scene, fit.point, deviation))}
+    flown: dict[bool, Trajectory | str | None] = {False: _fly(scene, moved_point(scene, fit.point, deviation))}
     found: list[tuple[Array | None, bool | None]] = []
     for one in asked:
         # the base of an entry that only the reference orbit has is that orbit
         about_reference = isinstance(one.facts, EntryFacts) and one.facts.evaluated_on == REFERENCE
         if about_reference not in flown:
-            flown[about_reference] = _fly(scene, _displaced(scene, _reference(scene), deviation))
+            flown[about_reference] = _fly(scene, moved_point(scene, _reference(scene), deviation))
         hits = None if one.encounter is None else _hits(flown[False], one.encounter.body)
         found.append((_moved(scene, one, flown[about_reference]), hits))
     return found
@@ -93,7 +103,7 @@ def uncertain(fit: Fit) -> tuple[str, ...]:
     return tuple(name for name in (*STATE_NAMES, *fit.observation.parameter_names) if name in known)
 
 
-def _displaced(scene: Scene, point: Point, deviation: Mapping[str, float]) -> Point:
+def moved_point(scene: Scene, point: Point, deviation: Mapping[str, float]) -> Point:
     """The point moved, a mass that comes from a density with its radius."""
     moved = point.moved(deviation)
     if not by_density(scene.mission):

@@ -10,6 +10,7 @@ from nebosvod.engine.fitting import Fit
 from nebosvod.engine.quantity import SIGMAS, Quantity
 from nebosvod.estimation.accuracy import ellipse
 from nebosvod.estimation.accuracy.consistency import binomial_interval
+from nebosvod.findings.cloud import displacements
 from nebosvod.findings.displacement import moved_events, uncertain
 from nebosvod.scene.scene import Scene
 
@@ -101,16 +102,25 @@ def clones(scene: Scene, fit: Fit, asked: Sequence[Quantity], runs: int, seed: i
     """
     names = uncertain(fit)
     S, mean = fit.estimate.factor(names), fit.estimate.mean_shift(fit.mean_errors, names)
-    found = [np.full((runs, len(one.partials)), np.nan) for one in asked]
+    deviations = [
+        dict(zip(names, (S @ generator(seed, i).standard_normal(S.shape[1]) - mean).tolist())) for i in range(runs)
+    ]
     fates = [np.full(runs, np.nan) for _ in asked]
-    for i in range(runs):
-        rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(1, i)))
-        drawn = dict(zip(names, (S @ rng.standard_normal(S.shape[1]) - mean).tolist()))
+    at_once = displacements(scene, fit, asked, deviations)
+    if at_once is not None:
+        return at_once, fates
+    found = [np.full((runs, len(one.partials)), np.nan) for one in asked]
+    for i, drawn in enumerate(deviations):
         for points, fate, (moved, hit) in zip(found, fates, moved_events(scene, fit, asked, drawn)):
             if moved is not None:
                 points[i] = moved
             fate[i] = np.nan if hit is None else float(hit)
     return found, fates
+
+
+def generator(seed: int, run: int) -> np.random.Generator:
+    """The random numbers of one drawn orbit."""
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(1, run)))
 
 
 def impact_share(fate: Array) -> HitShare:

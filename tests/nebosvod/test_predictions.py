@@ -12,8 +12,9 @@ from nebosvod.engine.assembly import computed_psi
 from nebosvod.engine.evaluation import quantity
 from nebosvod.engine.fitting import Fit, fit
 from nebosvod.engine.quantity import Quantity, known_partials
-from nebosvod.findings.displacement import displaced, moved_quantities
-from nebosvod.findings.drawn import against_linear, clones, impact_share, spread_of
+from nebosvod.findings.cloud import displacements
+from nebosvod.findings.displacement import displaced, moved_quantities, uncertain
+from nebosvod.findings.drawn import against_linear, clones, generator, impact_share, spread_of
 from nebosvod.findings.nonlinearity import Nonlinearity, curvature, nonlinearity, ordered_factor
 from nebosvod.findings.prediction import answered
 from nebosvod.mission import Mission, load_mission_text
@@ -129,6 +130,42 @@ def test_the_second_order_shift_is_that_of_drawn_orbits(flyby: tuple[Scene, Fit,
         departure.append(points - W @ (S @ rng.standard_normal(len(names))))
     error = np.std(departure, axis=0) / np.sqrt(150)
     assert np.all(np.abs(np.mean(departure, axis=0) - expected) < 4.0 * error + 0.2 * np.abs(expected))
+
+
+GIVEN_TIMES = """
+  - {name: speed, plane: rtn_velocity, at: 2028-06-29T00:00:00 TDB}
+  - {name: axes, plane: rtn, at: 2028-08-29T00:00:00 TDB}
+  - {name: sky, plane: sky, from: ahead, at: 2028-05-29T00:00:00 TDB}
+"""
+
+
+def test_a_cloud_flown_at_once_is_the_orbits_flown_one_by_one(make_setting: MakeSetting, minimal_text: str) -> None:
+    """Each plane that is about a given time, on 40 drawn orbits; some masses are below zero, which a draw may be."""
+    text = minimal_text.replace("sigma: 2e6 kg", "sigma: 2e7 kg").rstrip() + GIVEN_TIMES
+    scene, priors, nominal = make_setting(load_mission_text(text))
+    one = fit(scene, scene.mission.estimators[0], nominal, computed_psi(nominal), priors)
+    asked = [quantity(scene, one.trajectory, request) for request in scene.mission.predictions]
+    at_once, _ = clones(scene, one, asked, 40, 3)
+    names, S = uncertain(one), one.estimate.factor(uncertain(one))
+    for i in range(40):
+        drawn = dict(zip(names, (S @ generator(3, i).standard_normal(S.shape[1])).tolist()))
+        for each, points, moved in zip(asked, at_once, moved_quantities(scene, one, asked, drawn)):
+            assert moved is not None
+            sigma = np.linalg.norm(each.partials_by(names) @ S, axis=1)
+            np.testing.assert_allclose(points[i] / sigma, moved / sigma, atol=1e-6)
+
+
+def test_a_cloud_has_what_comes_before_the_end_of_an_orbit(make_setting: MakeSetting, minimal_text: str) -> None:
+    """A mass of nothing has no force; from rest an orbit falls into the Sun in 65 days, after the first time asked."""
+    scene, priors, nominal = make_setting(load_mission_text(minimal_text.rstrip() + GIVEN_TIMES))
+    one = fit(scene, scene.mission.estimators[0], nominal, computed_psi(nominal), priors)
+    asked = [quantity(scene, one.trajectory, request) for request in scene.mission.predictions]
+    rest = {name: -one.point.values[name] for name in STATE_NAMES[3:]}
+    deviations: list[dict[str, float]] = [{}, {"mass_kg": -one.point.values["mass_kg"]}, {"x_km": 5.0}, rest]
+    found = displacements(scene, one, asked, deviations)
+    assert found is not None
+    there = np.array([np.isfinite(points).all(axis=1) for points in found])
+    np.testing.assert_array_equal(there, [[True, False, True, True]] + 3 * [[True, False, True, False]])
 
 
 def test_impact_probability_is_the_share_of_normal_points_on_the_disc(flyby: tuple[Scene, Fit, list[Quantity]]) -> None:
