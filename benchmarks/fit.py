@@ -24,8 +24,9 @@ from nebosvod.dynamics import Ephemeris, ForceModel, propagate
 from nebosvod.estimation.problem.square_root import lower_factor
 from nebosvod.fits.correction import Correction, correct
 from nebosvod.observation.formats.records import Astrometry
+from nebosvod.observation.measurement.astrometry import compute
 from nebosvod.observation.measurement.direction import offset
-from nebosvod.observation.measurement.exposures import Sky, look
+from nebosvod.observation.measurement.exposures import Sky
 from nebosvod.observation.reduction.observers import telescopes
 from nebosvod.timescale import SECONDS_PER_DAY
 
@@ -154,7 +155,7 @@ def records_of(
     places = telescopes(bare, forces.ephemeris)
     R = np.tile(SIGMA_RAD**2 * np.eye(2), (n, 1, 1))
     sky = Sky.of(EPOCH, t_s, bare.psi, R, places.state_km_km_s, forces.ephemeris)
-    psi = look(propagate(state, EPOCH, sky.span_s, forces), sky).psi
+    psi = compute(propagate(state, EPOCH, sky.span_s, forces), sky.exposures).psi
     return replace(bare, psi=offset(psi, SIGMA_RAD * rng.standard_normal((n, 2))))
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from nebosvod.engine.assembly import computed_psi, nominal_point, view
+from nebosvod.engine.assembly import computed_psi, nominal_view
 from nebosvod.engine.trial import Setting, generator, measured_truth
 from nebosvod.mission import load_mission
 from nebosvod.scene.prior import prior_table
@@ -34,7 +34,7 @@ def measured(name: str, runs: int) -> str:
     mission = load_mission(name)
     scene = build_scene(mission)
     priors = prior_table(mission, scene.forces, scene.state)
-    nominal = view(scene, nominal_point(scene))
+    nominal = nominal_view(scene)
     computed = computed_psi(nominal)
     started = time.perf_counter()
     setting = Setting.at(scene, nominal, priors, mission.estimators[:1])

@@ -29,8 +29,10 @@ from nebosvod.estimation import Status
 from nebosvod.estimation.accuracy import ellipse
 from nebosvod.fits.correction import Correction, correct
 from nebosvod.fits.engine import fit_object
+from nebosvod.observation import Observation
 from nebosvod.observation.formats.reading import read_astrometry
-from nebosvod.observation.measurement.exposures import Look, Sky, look
+from nebosvod.observation.measurement.astrometry import compute
+from nebosvod.observation.measurement.exposures import Sky
 from nebosvod.pipeline import mission_of
 from nebosvod.timescale import SECONDS_PER_DAY
 
@@ -96,12 +98,13 @@ def apparitions(t_s: Array) -> Rows:
 
 def scattered(arc: Arc) -> Sky:
     """The sky weighed by the scatter of each station about the best orbit; stations of few keep their weights."""
-    seen = look(propagate(arc.state, arc.sky.epoch, arc.sky.span_s, arc.forces), arc.sky)
+    trajectory = propagate(arc.state, arc.sky.epoch, arc.sky.span_s, arc.forces)
+    v = arc.sky.residual(compute(trajectory, arc.sky.exposures).psi)
     sigma = np.sqrt(np.trace(arc.sky.R, axis1=1, axis2=2) / 2.0)
     for code in np.unique(arc.station):
         mine = arc.station == code
         if mine.sum() >= FEW:
-            sigma[mine] = np.sqrt(np.mean(seen.residual[mine] ** 2))
+            sigma[mine] = np.sqrt(np.mean(v[mine] ** 2))
     sigma = np.maximum(sigma, FLOOR_ARCSEC * ARCSEC)
     return arc.sky.weighed(sigma[:, None, None] ** 2 * np.eye(2))
 
@@ -143,7 +146,7 @@ def considered(arc: Arc, sky: Sky, found: Correction, inside: Flags, bias_rad: f
     return total
 
 
-def against(arc: Arc, sky: Sky, seen: Look, K: Array, rows: Rows, bias_rad: float, end: float) -> Prediction:
+def against(arc: Arc, sky: Sky, seen: Observation, K: Array, rows: Rows, bias_rad: float, end: float) -> Prediction:
     """The weighted mean residual of some observations, and the covariance that orbit, noise and biases give it."""
     inverse = np.einsum("nki,nkj->nij", sky.whitener[rows], sky.whitener[rows])
     noise = np.linalg.solve(inverse.sum(axis=0), np.eye(2))
@@ -155,7 +158,7 @@ def against(arc: Arc, sky: Sky, seen: Look, K: Array, rows: Rows, bias_rad: floa
         G = share[[place[int(row)] for row in part]].sum(axis=0)
         covariance += bias_rad**2 * (G @ G.T)
     return Prediction(
-        error=np.einsum("nij,nj->i", share, seen.residual[rows]),
+        error=np.einsum("nij,nj->i", share, sky.residual(seen.psi)[rows]),
         covariance=covariance,
         after_s=float(np.mean(sky.t_s[rows])) - end,
     )

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nebosvod.dynamics import Ephemeris
-from nebosvod.engine.assembly import computed_psi, linear_problem, nominal_point, view
+from nebosvod.engine.assembly import computed_psi, linear_problem, nominal_view
 from nebosvod.engine.fitting import Fit, fit
 from nebosvod.engine.montecarlo import Sample, consistency, repeat_all
 from nebosvod.engine.truth import draw
@@ -65,8 +65,8 @@ def run(mission: Mission, seed: int = 0, progress: Callable[[str], None] | None 
     scene = build_scene(mission)
     priors = prior_table(mission, scene.forces, scene.state)
     say("simulating the measurements")
-    truth = draw(scene, priors, np.random.default_rng(np.random.SeedSequence(seed)))
-    nominal = view(scene, nominal_point(scene))
+    nominal = nominal_view(scene)
+    truth = draw(scene, priors, np.random.default_rng(np.random.SeedSequence(seed)), nominal.point)
     fits = []
     for estimator in mission.estimators:
         say(f"estimating: {estimator.name}")

@@ -2,7 +2,7 @@
 
 Data flow, for one linearisation at a `Point` (a value for every uncertain parameter):
 
-    Point --propagate--> Trajectory --observe--> Observation (psi, H_x0, H_c, H_z)
+    Point --propagate--> Trajectory --compute--> Observation (psi, H_x0, H_c, H_z)
     nuisances --term--> what each does to the measurements (H, covariance)
     residual = observed - computed; blocks = state | each dynamic parameter | each common nuisance
     priors   = what is known of each beforehand, as a deviation from the start of the iteration
@@ -16,45 +16,47 @@ import numpy as np
 import numpy.typing as npt
 
 from nebosvod.borders.treatment import Treatment
-from nebosvod.dynamics import Trajectory
 from nebosvod.estimation import Block, LinearProblem, Markov, Prior, White
 from nebosvod.mission import Estimator
-from nebosvod.observation import Common, Observation, Term, observe, residual
+from nebosvod.observation import Common, Observation, Term, residual
 from nebosvod.observation import Markov as MarkovTerm
-from nebosvod.observation.measurement.astrometry import ROW_FIELDS
+from nebosvod.observation.measurement.astrometry import compute
 from nebosvod.observation.measurement.direction import offset
 from nebosvod.scene.point import Point, View
 from nebosvod.scene.prior import STATE_NAMES, PriorTable
 from nebosvod.scene.scene import Scene
 
 Array = npt.NDArray[np.float64]
-PIECE = 16_384  # epochs observed at a time
-SIMULATION_FIELDS = ("Phi_emission", "zeta_emission")
 
 
-def nominal_point(scene: Scene) -> Point:
-    """The reference orbit with every parameter at its nominal value and every nuisance at its mean."""
-    observation = _observation(scene, scene.trajectory, simulates=False)
+def nominal_view(scene: Scene, near: Array | None = None, *, simulates: bool = True) -> View:
+    """The reference orbit seen, with every parameter at its nominal value and every nuisance at its mean.
+
+    Parameters
+    ----------
+    near, simulates : as of `view`.
+    """
+    observation = compute(scene.trajectory, scene.exposures, near, simulates=simulates)
+    terms = _terms(scene, observation)
     means = {
-        name: float(value)
-        for term in _terms(scene, observation)
-        if isinstance(term, Common)
-        for name, value in zip(term.names, term.mean)
+        name: float(value) for term in terms if isinstance(term, Common) for name, value in zip(term.names, term.mean)
     }
-    values = {parameter.name: parameter.value for parameter in scene.mission.free_parameters}
-    return Point(state=scene.state, parameters=values, nuisances=means)
+    values = dict(zip(scene.forces.parameters, scene.forces.values.tolist()))
+    point = Point(state=scene.state, parameters=values, nuisances=means)
+    return View(point=point, trajectory=scene.trajectory, observation=observation, terms=terms)
 
 
-def view(scene: Scene, point: Point, *, simulates: bool = True) -> View:
+def view(scene: Scene, point: Point, near: Array | None = None, *, simulates: bool = True) -> View:
     """Propagate and observe at a point.
 
     Parameters
     ----------
+    near : light times (n,) of a near orbit, such as those of the last iteration.
     simulates : whether measurements will be drawn about this point. Without, the partials that only simulation needs
         are left empty: a fifth of the memory.
     """
     trajectory = scene.propagate(point.state, scene.forces.with_values(point.parameters))
-    observation = _observation(scene, trajectory, simulates)
+    observation = compute(trajectory, scene.exposures, near, simulates=simulates)
     return View(point=point, trajectory=trajectory, observation=observation, terms=_terms(scene, observation))
 
 
@@ -137,40 +139,6 @@ def mean_errors(scene: Scene, estimator: Estimator, terms: Sequence[Term]) -> di
             error = term.mean - assumed_mean(scene, term, nuisance_treatment(scene, estimator, term.name))
             found |= {name: float(value) for name, value in zip(term.names, error) if value != 0.0}
     return found
-
-
-def _observation(scene: Scene, trajectory: Trajectory, simulates: bool) -> Observation:
-    """The measurements of all telescopes that see anything, rows by time, then telescope.
-
-    Pieces go straight to their rows: joining whole telescopes would hold every array twice, a gigabyte at 10^6 epochs.
-    """
-    seeing = [number for number in range(len(scene.telescopes)) if scene.exposures_s(number).size]
-    times = [scene.exposures_s(number) for number in seeing]
-    t_s = np.concatenate(times)
-    index = np.repeat(np.arange(len(seeing)), [own.size for own in times])
-    order = np.lexsort((index, t_s))
-    row = np.empty(t_s.size, dtype=np.int64)
-    row[order] = np.arange(t_s.size)
-    rows: dict[str, Array] = {}
-    start = 0
-    for number, own in zip(seeing, times):
-        for first in range(0, own.size, PIECE):
-            piece = observe(trajectory, scene.telescopes[number], own[first : first + PIECE], scene.ephemeris)
-            here = row[start : start + piece.t_s.size]
-            start += piece.t_s.size
-            for name in ROW_FIELDS:
-                values = getattr(piece, name)
-                if name in SIMULATION_FIELDS and not simulates:
-                    rows[name] = values[:0]
-                    continue
-                rows.setdefault(name, np.empty((t_s.size, *values.shape[1:])))[here] = values
-    return Observation(
-        epoch=trajectory.epoch,
-        telescopes=tuple(scene.telescopes[number] for number in seeing),
-        telescope_index=index[order],
-        parameter_names=tuple(trajectory.parameter_names),
-        **rows,
-    )
 
 
 def _terms(scene: Scene, observation: Observation) -> tuple[Term, ...]:

@@ -20,6 +20,7 @@ from nebosvod.scene.prior import PriorTable
 from nebosvod.scene.scene import Scene
 
 Array = npt.NDArray[np.float64]
+TOLERANCE = 1e-4  # of a sigma, root mean square over the parameters
 
 
 def as_printed(problem: LinearProblem) -> Estimate:
@@ -120,36 +121,55 @@ class Convergence:
         return taken(self.seen.point, self.found.estimate)
 
 
-def converge(scene: Scene, estimator: Estimator, start: View, observed_psi: Array, priors: PriorTable) -> Convergence:
+def converge(
+    scene: Scene,
+    estimator: Estimator,
+    start: View,
+    observed_psi: Array,
+    priors: PriorTable,
+    tolerance: float = TOLERANCE,
+) -> Convergence:
     """Iterate an estimator to its end; parameters as of `fit`, whose numbers these are without the rest."""
     latest: list[tuple[dict[str, float], View, LinearProblem]] = []
 
     def linearise(deviation: Mapping[str, float]) -> LinearProblem:
         moved = {name: value for name, value in deviation.items() if value != 0.0}
-        seen = view(scene, start.point.moved(moved), simulates=False) if moved else start
+        near = start.observation.light_time_s
+        seen = view(scene, start.point.moved(moved), near, simulates=False) if moved else start
         problem = linear_problem(scene, estimator, seen, observed_psi, priors, about=start.point)
         latest[:] = [(moved, seen, problem)]
         return problem
 
     solve, damped = SOLVERS[estimator.method], estimator.method not in OWN_GAIN
-    found = gauss_newton(linearise, solve=solve, limit=estimator.iterations, damped=damped)
+    found = gauss_newton(linearise, solve=solve, limit=estimator.iterations, damped=damped, tolerance=tolerance)
     # the last call of the iteration may have been a rejected trial: then the view is taken anew where it ended
     if latest[0][0] != {name: value for name, value in found.deviation.items() if value != 0.0}:
         linearise(found.deviation)
     return Convergence(found=found, problem=latest[0][2], seen=latest[0][1])
 
 
-def fit(scene: Scene, estimator: Estimator, start: View, observed_psi: Array, priors: PriorTable) -> Fit:
-    """Estimate from measured directions.
+def fit(
+    scene: Scene,
+    estimator: Estimator,
+    start: View,
+    observed_psi: Array,
+    priors: PriorTable,
+    *,
+    tolerance: float = TOLERANCE,
+    history: bool = True,
+) -> Fit:
+    """Estimate from measured directions, drawn or recorded.
 
     Parameters
     ----------
     start : the nominal point, seen; priors stay about it while the iteration moves.
-    observed_psi : shape (n, 2), rad.
+    observed_psi : shape (n, 2), rad, rows as the exposures of the scene.
+    tolerance : of a sigma: a step shorter than this ends the iteration.
+    history : whether the sigmas after each measurement are wanted.
     """
-    ended = converge(scene, estimator, start, observed_psi, priors)
+    ended = converge(scene, estimator, start, observed_psi, priors, tolerance)
     found = ended.found
-    shown = found.estimate.solution is not None and estimator.method not in OWN_GAIN
+    shown = history and found.estimate.solution is not None and estimator.method not in OWN_GAIN
     return Fit(
         estimator=estimator,
         estimate=found.estimate,

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from nebosvod.engine.assembly import computed_psi, linear_problem, mean_errors, nominal_point, view
+from nebosvod.engine.assembly import computed_psi, linear_problem, mean_errors, nominal_view, view
 from nebosvod.engine.fitting import SOLVERS, converge
 from nebosvod.engine.truth import Truth, draw
 from nebosvod.errors import CoverageError, EventError, InputError
@@ -114,7 +114,7 @@ class Setting:
         """Build scene, nominal point and estimators of a mission."""
         scene = build_scene(mission)
         priors = prior_table(mission, scene.forces, scene.state)
-        return cls.at(scene, view(scene, nominal_point(scene)), priors, mission.estimators)
+        return cls.at(scene, nominal_view(scene), priors, mission.estimators)
 
     @classmethod
     def at(cls, scene: Scene, nominal: View, priors: PriorTable, estimators: Sequence[Estimator]) -> "Setting":
@@ -171,7 +171,7 @@ def measured_truth(setting: Setting, computed: Array, rng: np.random.Generator) 
 def possible(setting: Setting, rng: np.random.Generator) -> Truth | None:
     """A truth, propagated and measured; None if the draw has no physics (a mass of zero, an orbit that hits a body)."""
     try:
-        return draw(setting.scene, setting.priors, rng)
+        return draw(setting.scene, setting.priors, rng, setting.nominal.point)
     except (InputError, EventError):
         return None
 
@@ -242,7 +242,7 @@ def _short_of(setting: Setting, one: Estimating, truth: Truth, linear: Array) ->
     scene, start = setting.scene, setting.nominal.point
     deviation = dict(zip(one.reference.names, linear.tolist()))
     try:
-        seen = view(scene, start.moved(deviation), simulates=False)
+        seen = view(scene, start.moved(deviation), setting.nominal.observation.light_time_s, simulates=False)
         problem = linear_problem(scene, one.estimator, seen, truth.psi, truth.priors, about=start)
         estimate = SOLVERS[one.estimator.method](recentred(problem, deviation))
     except (InputError, CoverageError, EventError):

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from nebosvod.engine.assembly import nominal_point, view
+from nebosvod.engine.assembly import nominal_view, view
 from nebosvod.observation import draw_noise, draw_truth, measure
 from nebosvod.scene.point import Point
 from nebosvod.scene.prior import PriorTable
@@ -35,13 +35,17 @@ class Truth:
     priors: PriorTable
 
 
-def draw(scene: Scene, priors: PriorTable, rng: np.random.Generator) -> Truth:
+def draw(scene: Scene, priors: PriorTable, rng: np.random.Generator, nominal: Point | None = None) -> Truth:
     """Draw a truth about the prior means and measure it; of priors that say next to nothing, the means about the truth.
 
     Parameters and state without a prior, and those the mission holds fixed, keep their nominal values.
+
+    Parameters
+    ----------
+    nominal : the nominal point, where somebody has it already.
     """
+    nominal = nominal or nominal_view(scene).point
     fixed = {parameter.name for parameter in scene.mission.free_parameters if parameter.treatment == "fixed"}
-    nominal = nominal_point(scene)
     near, far = priors.parted(priors.physical(priors.draw(rng)))
     drawn = {name: value for name, value in near.items() if name not in fixed}
     off = {name: value for name, value in far.items() if name not in fixed}

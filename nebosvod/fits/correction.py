@@ -14,7 +14,9 @@ from nebosvod.dynamics.impact import fly
 from nebosvod.errors import CoverageError, EventError, InputError
 from nebosvod.estimation import Status
 from nebosvod.estimation.problem.square_root import Conditioning, append_rows, conditioning, solve_upper
-from nebosvod.observation.measurement.exposures import Look, Sky, look
+from nebosvod.observation import Observation
+from nebosvod.observation.measurement.astrometry import compute
+from nebosvod.observation.measurement.exposures import Sky
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
@@ -56,6 +58,7 @@ class Correction:
     x : (6 + m,) heliocentric ICRF state at the epoch of the sky, km, km/s, and dynamic parameters.
     S : (6 + m, 6 + m) factor of the covariance, K = S S^T; None where not observable.
     trajectory, seen : the orbit through x, and what it says of every observation, selected or not.
+    residual : (n, 2) observed minus computed, (wrapped dRA cos Dec, dDec), rad, of every observation.
     cost : sum of the squared whitened residuals of the selected observations, and of the prior's.
     step : length of the last full step in sigmas.
     """
@@ -65,7 +68,8 @@ class Correction:
     S: Array | None
     conditioning: Conditioning
     trajectory: Trajectory
-    seen: Look
+    seen: Observation
+    residual: Array
     cost: float
     step: float
     iterations: int
@@ -82,7 +86,8 @@ class Point:
 
     x: Array
     trajectory: Trajectory
-    seen: Look
+    seen: Observation
+    residual: Array
     rows: Array
     cost: float
 
@@ -143,6 +148,7 @@ def correct(
         conditioning=condition,
         trajectory=point.trajectory,
         seen=point.seen,
+        residual=point.residual,
         cost=point.cost,
         step=length,
         iterations=iterations,
@@ -157,20 +163,23 @@ def _at(
         trajectory, seen = near.trajectory, near.seen
     else:
         model = forces.with_values(dict(zip(forces.parameters, x[6:].tolist()))) if forces.parameters else forces
-        grid, tau = (None, None) if near is None else (near.trajectory, near.seen.tau)
+        grid, tau = (None, None) if near is None else (near.trajectory, near.seen.light_time_s)
         trajectory = fly(x[:6], sky.epoch, sky.span_s, model, grid)
-        seen = look(trajectory, sky, tau)
+        seen = compute(trajectory, sky.exposures, tau)
+    off = sky.residual(seen.psi)
     size = len(x)
     rows = np.empty((len(sky), 2, size + 1))
     rows[:, :, :size] = seen.H
-    rows[:, :, size] = seen.residual
+    rows[:, :, size] = off
     W = sky.whitener
     rows[:, 1] = W[:, 1, 0, None] * rows[:, 0] + W[:, 1, 1, None] * rows[:, 1]
     rows[:, 0] *= W[:, 0, 0, None]
     flat = (rows if chosen.all() else rows[chosen]).reshape(-1, size + 1)
     if prior is not None:
         flat = np.vstack([prior.rows(x), flat])
-    return Point(x=x, trajectory=trajectory, seen=seen, rows=flat, cost=float(flat[:, size] @ flat[:, size]))
+    return Point(
+        x=x, trajectory=trajectory, seen=seen, residual=off, rows=flat, cost=float(flat[:, size] @ flat[:, size])
+    )
 
 
 def _solved(rows: Array) -> tuple[Array, Array | None]:

@@ -5,29 +5,24 @@ lean correction found. Where one is estimated, the orbit is iterated anew with i
 by residuals from which it has been taken.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import cast
 
 import numpy as np
 import numpy.typing as npt
 
-from nebosvod.dynamics import ForceModel, Trajectory
+from nebosvod.dynamics import ForceModel
 from nebosvod.dynamics.impact import fly
-from nebosvod.engine.assembly import linear_problem, mean_errors
-from nebosvod.engine.fitting import Fit, taken
-from nebosvod.errors import CoverageError, EventError
-from nebosvod.estimation import Estimate, LinearProblem, gauss_newton
-from nebosvod.estimation.solvers import batch
+from nebosvod.engine.assembly import nominal_view
+from nebosvod.engine.fitting import Fit, fit
+from nebosvod.estimation import Estimate
 from nebosvod.estimation.solvers.rejection import Thresholds, chi_squared, reselect, settled, turning
 from nebosvod.fits.correction import Correction
 from nebosvod.mission import FitMission
-from nebosvod.observation import Common, Markov, White
-from nebosvod.observation.measurement.exposures import Look, Sky, look
+from nebosvod.observation import Common, Markov, Observation, White
+from nebosvod.observation.measurement.exposures import Sky
 from nebosvod.scene.material import Material
-from nebosvod.scene.point import Point, View
-from nebosvod.scene.prior import PriorTable
-from nebosvod.scene.recorded import STATED, scene_of, view_of
+from nebosvod.scene.prior import STATE_NAMES, PriorTable
+from nebosvod.scene.recorded import STATED, scene_of
 from nebosvod.scene.scene import Scene
 
 Array = npt.NDArray[np.float64]
@@ -51,7 +46,7 @@ class General:
     scene: Scene
     fit: Fit
     selected: Flags
-    seen: Look
+    seen: Observation
     residual: Array
     spread: Array
     chi2: Array
@@ -81,9 +76,9 @@ def estimate(
     """
     history: list[Flags] = []
     held = np.zeros(len(sky), dtype=bool)
-    known = None
+    known: Correction | None = None
     if near is not None and near.trajectory.parameter_names == forces.parameters:
-        known = near.trajectory, near.seen
+        known = near
     found = _once(mission, material, sky, forces, state, priors, selected, known)
     anew = any(source.error.treatment == "estimated" for source in mission.sources)
     while thresholds is not None and anew and found.fit.estimate.solution is not None:
@@ -113,12 +108,10 @@ def widened(mission: FitMission, material: Material, sky: Sky, forces: ForceMode
     """
     if not any(source.error.treatment == "estimated" for source in mission.sources):
         return sky
-    every = np.arange(len(sky))
     trajectory = fly(state, sky.epoch, sky.span_s, forces)
-    scene = scene_of(mission, material, forces, trajectory, every)
-    point = Point(state=state, parameters={}, nuisances={})
+    scene = scene_of(mission, material, forces, trajectory, np.arange(len(sky)))
     R = sky.R.copy()
-    for term in view_of(scene, point, material, trajectory, look(trajectory, sky), every).terms:
+    for term in nominal_view(scene).terms:
         if term.treatment != "estimated" or term.name == STATED:
             continue
         if isinstance(term, Common):
@@ -136,87 +129,42 @@ def _once(
     state: Array,
     priors: PriorTable,
     selected: Flags,
-    known: tuple[Trajectory, Look] | None = None,
+    known: Correction | None = None,
 ) -> General:
     """One selection: Gauss-Newton from the state until it stands.
 
     Parameters
     ----------
-    known : the orbit through the state and its look at the sky, where they are known.
+    known : the correction that ended at the state, where it knows all columns.
     """
     rows = np.flatnonzero(selected)
-    estimator = mission.estimators[0]
-    values = dict(zip(forces.parameters, forces.values.tolist()))
-    first = fly(state, sky.epoch, sky.span_s, forces) if known is None else known[0]
+    first = fly(state, sky.epoch, sky.span_s, forces) if known is None else known.trajectory
     scene = scene_of(mission, material, forces, first, rows)
-    seen = look(first, sky) if known is None else known[1]
-    start = view_of(scene, Point(state=state, parameters=values, nuisances={}), material, first, seen, rows)
-    start = _with_means(start)
-    latest: list[tuple[View, Look]] = [(start, seen)]
-
-    def linearise(deviation: Mapping[str, float]) -> LinearProblem:
-        latest[0] = (start, seen)
-        if any(value != 0.0 for value in deviation.values()):
-            point = start.point.moved(deviation)
-            trajectory = fly(point.state, sky.epoch, sky.span_s, forces.with_values(point.parameters), first)
-            there = look(trajectory, sky, seen.tau)
-            latest[0] = (view_of(scene, point, material, trajectory, there, rows), there)
-        return linear_problem(scene, estimator, latest[0][0], material.observed[rows], priors, about=start.point)
-
-    try:
-        found = gauss_newton(linearise, solve=batch.solve, limit=mission.fit.iterations, tolerance=TOLERANCE)
-    except (EventError, CoverageError):  # a step of a vague orbit ran into a body: what is known stands at the start
-        found = gauss_newton(linearise, solve=batch.solve, limit=0)
-    problem = linearise(found.deviation)
-    view, there = latest[0]
-    fit = Fit(
-        estimator=estimator,
-        estimate=found.estimate,
-        status=found.status,
-        message=found.message,
-        iterations=found.iterations,
-        cost=found.cost,
-        point=taken(view.point, found.estimate),
-        problem=problem,
-        seen=view,
-        history=None,
-        mean_errors=mean_errors(scene, estimator, view.terms),
+    start = nominal_view(scene, None if known is None else known.seen.light_time_s[rows])
+    found = fit(
+        scene, mission.estimators[0], start, material.observed[rows], priors, tolerance=TOLERANCE, history=False
     )
-    residual, spread, chi2 = _judged(scene, material, sky, fit, there, selected)
-    return General(scene=scene, fit=fit, selected=selected, seen=there, residual=residual, spread=spread, chi2=chi2)
+    return _judged(mission, material, sky, scene, found, selected)
 
 
-def _with_means(view: View) -> View:
-    """The view from a point at which every common nuisance has its mean."""
-    means = {
-        name: float(value)
-        for term in view.terms
-        if isinstance(term, Common)
-        for name, value in zip(term.names, term.mean)
-    }
-    point = Point(state=view.point.state, parameters=view.point.parameters, nuisances=means)
-    return View(point=point, trajectory=view.trajectory, observation=view.observation, terms=view.terms)
-
-
-def _judged(
-    scene: Scene, material: Material, sky: Sky, fit: Fit, seen: Look, selected: Flags
-) -> tuple[Array, Array, Array]:
+def _judged(mission: FitMission, material: Material, sky: Sky, scene: Scene, found: Fit, selected: Flags) -> General:
     """Residual (n, 2), its standard deviation (n, 2) and chi squared (n,) of every observation, selected or not.
 
     Estimated nuisances common to many observations are taken out of the residuals; those of an observation that was
     left out and belongs to a station without any other are unknown, so their covariance joins its noise. So does that
     of errors drawn anew or correlated in time, which are in the weights.
     """
-    estimate: Estimate = fit.estimate
-    R, residual = sky.R.copy(), seen.residual.copy()
+    estimate: Estimate = found.estimate
+    everyone = scene_of(mission, material, scene.forces, found.trajectory, np.arange(len(sky)))
+    whole = nominal_view(everyone)
+    seen, R = whole.observation, sky.R.copy()
+    v = sky.residual(seen.psi)
     if estimate.solution is None:
-        return residual, np.sqrt(np.diagonal(R, axis1=1, axis2=2)), np.full(len(sky), np.nan)
-    every = np.arange(len(sky))
-    everyone = scene_of(cast(FitMission, scene.mission), material, scene.forces, fit.trajectory, every)
-    whole = view_of(everyone, fit.point, material, fit.trajectory, seen, every)
+        spread, chi2 = np.sqrt(np.diagonal(R, axis1=1, axis2=2)), np.full(len(sky), np.nan)
+        return General(scene=scene, fit=found, selected=selected, seen=seen, residual=v, spread=spread, chi2=chi2)
     H = np.zeros((len(sky), 2, len(estimate.names)))
     column = {name: place for place, name in enumerate(estimate.names)}
-    known = dict(zip((*_state_names(fit), *seen_parameters(fit)), range(seen.H.shape[2])))
+    known = dict(zip((*STATE_NAMES, *seen.parameter_names), range(seen.H.shape[2])))
     for name, place in known.items():
         if name in column:
             H[:, :, column[name]] = seen.H[:, :, place]
@@ -230,12 +178,13 @@ def _judged(
         for k, name in enumerate(term.names):
             if name in column:
                 H[:, :, column[name]] = term.H[:, :, k]
-                residual -= term.H[:, :, k] * fit.point.nuisances[name]
+                v -= term.H[:, :, k] * found.point.nuisances[name]
             elif term.treatment == "estimated":
                 R += term.covariance[k, k] * term.H[:, :, k, None] * term.H[:, None, :, k]
     noise, orbit = np.diagonal(R, axis1=1, axis2=2), np.sum((H @ estimate.S_formal) ** 2, axis=2)
     spread = np.sqrt(np.maximum(noise + np.where(selected, -1.0, 1.0)[:, None] * orbit, 1e-3 * noise))
-    return residual, spread, chi_squared(residual, R, H, estimate.S_formal, selected)
+    chi2 = chi_squared(v, R, H, estimate.S_formal, selected)
+    return General(scene=scene, fit=found, selected=selected, seen=seen, residual=v, spread=spread, chi2=chi2)
 
 
 def _marginal(term: White | Markov) -> Array:
@@ -247,12 +196,3 @@ def _marginal(term: White | Markov) -> Array:
     for row in range(1, len(P)):
         P[row] = term.F[row] @ P[row - 1] @ term.F[row].T + term.Q[row]
     return P
-
-
-def _state_names(fit: Fit) -> tuple[str, ...]:
-    return fit.problem.blocks[0].names
-
-
-def seen_parameters(fit: Fit) -> tuple[str, ...]:
-    """The dynamic parameters in the order of their columns."""
-    return fit.observation.parameter_names

@@ -15,7 +15,8 @@ from nebosvod.dynamics.impact import fly
 from nebosvod.estimation.accuracy.score import Score
 from nebosvod.fits.correction import Correction
 from nebosvod.fits.shared_errors import SURE, Footing, Records
-from nebosvod.observation.measurement.exposures import Sky, look
+from nebosvod.observation.measurement.astrometry import compute
+from nebosvod.observation.measurement.exposures import Sky
 
 Array = npt.NDArray[np.float64]
 Rows = npt.NDArray[np.int64]
@@ -113,7 +114,7 @@ def partials(sky: Sky, found: Correction, forces: ForceModel, names: Sequence[st
     model = forces.with_values(dict(zip(forces.parameters, found.x[6:].tolist()))) if forces.parameters else forces
     model = replace(model, nongrav=model.nongrav or Nongrav(), parameters=tuple(names))
     trajectory = fly(found.state, sky.epoch, sky.span_s, model, found.trajectory)
-    return look(trajectory, sky, found.seen.tau).H[:, :, 6:]
+    return compute(trajectory, sky.exposures, found.seen.light_time_s).H_c
 
 
 def _told(name: str, before: Score | None, after: Score, footing: Footing, column: Array, S: Array) -> MissingForce:

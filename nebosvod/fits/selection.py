@@ -100,4 +100,4 @@ def judged(sky: Sky, found: Correction, chosen: Flags) -> Array:
     """Chi squared (n,) of every observation; nan where the correction has no covariance."""
     if found.S is None:
         return np.full(len(sky), np.nan)
-    return chi_squared(found.seen.residual, sky.R, found.seen.H, found.S, chosen)
+    return chi_squared(found.residual, sky.R, found.seen.H, found.S, chosen)

@@ -133,14 +133,14 @@ class Footing:
         if beside is not None:
             extra = W @ beside
             B = np.concatenate([B, extra / np.sqrt(np.sum(extra[selected] ** 2, axis=(0, 1)))], axis=2)
-        q = np.einsum("nij,nj->ni", W, found.seen.residual)
+        q = np.einsum("nij,nj->ni", W, found.residual)
         chosen = B[selected]
         information = np.tensordot(chosen, chosen, axes=([0, 1], [0, 1]))
         slope = np.tensordot(chosen, q[selected], axes=([0, 1], [0, 1]))
         stated = sky.whitener[selected] @ (found.seen.H[selected] @ found.S)
         known = np.eye(found.S.shape[1]) - np.tensordot(stated, stated, axes=([0, 1], [0, 1]))
         if np.trace(known) > 1e-6:  # what a prior adds; its pull balances that of the records
-            whole = np.einsum("nij,nj->ni", sky.whitener[selected], found.seen.residual[selected])
+            whole = np.einsum("nij,nj->ni", sky.whitener[selected], found.residual[selected])
             information[: len(known), : len(known)] += known
             slope[: len(known)] -= np.tensordot(stated, whole, axes=([0, 1], [0, 1]))
         return cls(

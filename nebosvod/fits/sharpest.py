@@ -80,7 +80,7 @@ def _carried(found: Selected) -> bool:
 def _scatter(sky: Sky, found: Selected, mine: Flags, size: int) -> tuple[float, float]:
     """Chi squared of a station's selected records, and its share of the degrees of freedom."""
     chosen = mine & found.selected
-    q = np.einsum("nij,nj->ni", sky.whitener[chosen], found.correction.seen.residual[chosen])
+    q = np.einsum("nij,nj->ni", sky.whitener[chosen], found.correction.residual[chosen])
     freedom = 2.0 * float(found.selected.sum()) - size
     return float(np.sum(q**2)), freedom * float(chosen.sum()) / float(found.selected.sum())
 

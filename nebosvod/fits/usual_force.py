@@ -91,9 +91,9 @@ def _absolute(found: OrbitFit) -> float | None:
     stated = np.isfinite(magnitude)
     if not stated.any():
         return None
-    sight = seen.lines["target"][stated, :3] - seen.lines["observer"][stated, :3]
-    sun = found.material.sky(found.epoch).sun[stated, :3]
-    helio = seen.lines["target"][stated, :3] - sun
+    sight = seen.target_state[stated, :3] - seen.telescope_state[stated, :3]
+    sun = found.material.exposures.sun[stated, :3]
+    helio = seen.target_state[stated, :3] - sun
     r, distance = np.linalg.norm(helio, axis=1), np.linalg.norm(sight, axis=1)
     phase = np.arccos(np.clip(np.einsum("ni,ni->n", helio, sight) / (r * distance), -1.0, 1.0))
     at_zero = apparent_magnitude(0.0, G, r, distance, phase)

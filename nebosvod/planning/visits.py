@@ -6,14 +6,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from nebosvod.engine.assembly import computed_psi, linear_problem, nominal_point, view
+from nebosvod.engine.assembly import computed_psi, linear_problem, nominal_view
 from nebosvod.errors import GeometryError, InputError
 from nebosvod.estimation import LinearProblem
 from nebosvod.estimation.problem.subset import subset
 from nebosvod.mission import Estimator
 from nebosvod.observation import Visibility, visibility
+from nebosvod.observation.measurement.exposures import row_order
 from nebosvod.scene.prior import PriorTable
-from nebosvod.scene.scene import Scene, active_sources
+from nebosvod.scene.scene import Scene, measured
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -122,13 +123,14 @@ def candidates(
     for number, own in enumerate(epochs):
         each = _seen(scene, number, (own[:, None] + within).ravel()).visible
         seen: Mask = np.asarray(each.reshape(own.size, exposures).all(axis=1))
-        mine = scene.exposures_s(number)
+        already = scene.visibilities[number]
+        mine = already.t_s[already.visible]
         times = np.concatenate([mine, (own[seen][:, None] + within).ravel()])
         first = sum(len(one) for one in starts)
         numbers = np.repeat(first + np.arange(np.count_nonzero(seen)), exposures)
         order = np.argsort(times, kind="stable")
         # with nothing to measure at all, what the mission said of its own schedule stands: nothing was seen
-        visibilities.append(_seen(scene, number, times[order]) if times.size else scene.visibilities[number])
+        visibilities.append(_seen(scene, number, times[order]) if times.size else already)
         t_s.append(times[order])
         visit.append(np.concatenate([np.full(mine.size, -1), numbers])[order])
         telescope.append(np.full(times.size, number))
@@ -138,9 +140,9 @@ def candidates(
     if not len(begun):
         raise GeometryError(f"{scene.mission.name}: no telescope sees the object at any candidate epoch; widen them")
     wide = _with_sources(replace(scene, visibilities=tuple(visibilities)))
-    nominal = view(wide, nominal_point(wide), simulates=False)
+    nominal = nominal_view(wide, simulates=False)
     problem = linear_problem(wide, estimator, nominal, computed_psi(nominal), priors, about=nominal.point)
-    whose = np.concatenate(visit)[np.lexsort((np.concatenate(telescope), np.concatenate(t_s)))]
+    whose = np.concatenate(visit)[row_order(np.concatenate(t_s), np.concatenate(telescope))]
     added = np.flatnonzero(whose >= 0)
     rows = added[np.argsort(whose[added], kind="stable")].reshape(len(begun), exposures)
     order = np.lexsort((begun[:, 1], begun[:, 0]))
@@ -168,5 +170,5 @@ def _runs(epochs: Array, seen: Mask) -> Array:
 
 def _with_sources(scene: Scene) -> Scene:
     """The scene with the sources of every telescope that now measures something."""
-    sources, nuisances = active_sources(scene.mission, scene.telescopes, scene.visibilities)
-    return replace(scene, sources=sources, nuisances=nuisances)
+    exposures, sources, nuisances = measured(scene.mission, scene.telescopes, scene.visibilities, scene.ephemeris)
+    return replace(scene, exposures=exposures, sources=sources, nuisances=nuisances)

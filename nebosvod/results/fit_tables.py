@@ -125,16 +125,16 @@ def all_arrays(found: Answer) -> Arrays:
     arrays: Arrays = {
         "epoch_s": fit.material.astrometry.t_s + (fit.material.astrometry.epoch - fit.epoch),
         "reference_epoch_jd_tdb": np.array([fit.epoch.day, fit.epoch.fraction]),
-        "telescope_index": fit.material.telescope_index,
+        "telescope_index": fit.material.exposures.telescope_index,
         "telescope_names": np.array(fit.material.names),
         "psi": fit.material.observed,
         "residual": general.residual,
-        "R": fit.material.noise(general.seen),
+        "R": fit.material.exposures.noise(general.seen.rate),
         "R_total": fit.material.total_noise(general.seen),
         "selected": general.selected,
         "chi2": general.chi2,
         "H": general.seen.H,
-        "H_z": general.seen.lines["H_z"],
+        "H_z": general.seen.H_z,
         "distance_km": general.seen.distance_km,
     }
     estimate = general.fit.estimate

@@ -1,6 +1,6 @@
 """The observations of one object with all that is needed to use them: observers, weights, corrections.
 
-files -> Astrometry -> one object, by time -> where each observer was, what each observation weighs -> `Sky`
+files -> Astrometry -> one object, by time -> where each observer was, what each weighs -> `Exposures`, `Sky`
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,11 +17,11 @@ from nebosvod.mission import FitMission
 from nebosvod.mission.fit import FitPlan
 from nebosvod.mission.reading.flight import too_often
 from nebosvod.mission.reading.places import asking
-from nebosvod.observation import Spacecraft
+from nebosvod.observation import Observation, Spacecraft
 from nebosvod.observation.formats.reading import read_astrometry
 from nebosvod.observation.formats.records import Astrometry, joined
 from nebosvod.observation.measurement.direction import offset
-from nebosvod.observation.measurement.exposures import Look, Sky
+from nebosvod.observation.measurement.exposures import Exposures, Sky
 from nebosvod.observation.measurement.telescope import Telescope
 from nebosvod.observation.reduction import debias, stated_weights, weights
 from nebosvod.observation.reduction.observers import Observers, telescopes
@@ -44,11 +44,10 @@ class Material:
     astrometry, observers : the records and the places of those who made them.
     ephemeris : that placed them.
     observed : (n, 2) RA and Dec, rad, with the biases of their star catalogues taken out.
-    sigma_rad : (n, 2) of RA cos Dec and Dec; correlation : (n,) of the two; rule : (n,) where the sigma came from.
-    timing_sigma_s : (n,) of the time, as stated, else as the file says of clocks on the ground.
-    names, telescopes : those who observed, each once, in the order of their first observation; the sigma of a telescope
-        is a mean one, for each record has its own weight.
-    telescope_index : (n,) which of them made each observation.
+    exposures : the same as exposures, counted from the epoch of the records: telescopes are those who observed, each
+        once, in the order of their first observation, their own sigma a mean one, for each record has its own weight;
+        the sigma of the time is as stated, else as the file says of clocks on the ground.
+    rule : (n,) where the sigma came from.
     night, thinning : (n,) number of the night of the station, and the factor in sigma for its many observations.
     notices : what a user should know about all this.
     """
@@ -57,13 +56,8 @@ class Material:
     observers: Observers
     ephemeris: Ephemeris
     observed: Array
-    sigma_rad: Array
-    correlation: Array
-    timing_sigma_s: Array
+    exposures: Exposures
     rule: Texts
-    names: tuple[str, ...]
-    telescopes: tuple[Telescope, ...]
-    telescope_index: npt.NDArray[np.int64]
     night: npt.NDArray[np.int64]
     thinning: Array
     notices: tuple[str, ...]
@@ -71,6 +65,16 @@ class Material:
     def __len__(self) -> int:
         """Number of observations."""
         return len(self.astrometry)
+
+    @property
+    def sigma_rad(self) -> Array:
+        """Of RA cos Dec and Dec (n, 2)."""
+        return self.exposures.sigma_rad
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of those who observed, in the order of their first observation."""
+        return tuple(telescope.name for telescope in self.exposures.telescopes)
 
     @property
     def middle(self) -> Epoch:
@@ -81,53 +85,33 @@ class Material:
 
     def sky(self, epoch: Epoch) -> Sky:
         """The observations as arrays, counted from an epoch, with the noise of the measurement alone."""
-        return Sky.of(
-            epoch,
-            self.astrometry.t_s + (self.astrometry.epoch - epoch),
-            self.observed,
-            self.noise(),
-            self.observers.state_km_km_s,
-            self.ephemeris,
-        )
-
-    def noise(self, seen: Look | None = None) -> Array:
-        """Noise covariance R (n, 2, 2), rad^2; once the motion is known, tilted by the stated error of the time.
-
-        R = sigma and correlation of the record + sigma_t^2 rate rate^T.
-        """
-        R = np.empty((len(self), 2, 2))
-        R[:, 0, 0], R[:, 1, 1] = self.sigma_rad[:, 0] ** 2, self.sigma_rad[:, 1] ** 2
-        R[:, 0, 1] = R[:, 1, 0] = self.correlation * self.sigma_rad[:, 0] * self.sigma_rad[:, 1]
-        if seen is not None and self.has_timing:
-            rate = seen.rate
-            R += self.timing_sigma_s[:, None, None] ** 2 * rate[:, :, None] * rate[:, None, :]
-        return R
+        return Sky.measured(self.exposures.counted_from(epoch), self.observed, self.exposures.noise())
 
     @property
     def has_timing(self) -> bool:
         """Whether any time is uncertain."""
-        return bool(self.timing_sigma_s.any())
+        return bool(self.exposures.timing_sigma_s.any())
 
     @property
     def position_rows(self) -> npt.NDArray[np.int64]:
         """Records (r,) that state the covariance of the observer's place."""
         return np.flatnonzero(np.isfinite(self.astrometry.position_covariance_km2).all(axis=(1, 2)))
 
-    def weighed(self, sky: Sky, seen: Look) -> Sky:
+    def weighed(self, sky: Sky, seen: Observation) -> Sky:
         """The sky with everything in its weights that is drawn anew at each record: noise, time, stated places."""
         return sky.weighed(self.total_noise(seen)) if self.has_timing or self.position_rows.size else sky
 
     def lighter(self, added_rad2: Array, note: npt.NDArray[np.object_]) -> "Material":
         """The same with more variance (n, 2), RA cos Dec and Dec, and a note (n,) of why in the rule."""
         sigma = np.sqrt(self.sigma_rad**2 + added_rad2)
-        _, made, _ = _telescopes(self.observers, sigma)
+        made, _ = _telescopes(self.observers, sigma)
         rule = (self.rule.astype(object) + note).astype(np.str_)
-        return replace(self, sigma_rad=sigma, rule=rule, telescopes=made)
+        return replace(self, exposures=replace(self.exposures, sigma_rad=sigma, telescopes=made), rule=rule)
 
-    def total_noise(self, seen: Look) -> Array:
-        """Covariance (n, 2, 2), rad^2, of all that is drawn anew at each record: `noise`, and places as stated."""
-        R, places = self.noise(seen), self.position_rows
-        H = seen.lines["H_z"][places]
+    def total_noise(self, seen: Observation) -> Array:
+        """Covariance (n, 2, 2), rad^2, of all that is drawn anew at each record: noise, and places as stated."""
+        R, places = self.exposures.noise(seen.rate), self.position_rows
+        H = seen.H_z[places]
         R[places] += H @ self.astrometry.position_covariance_km2[places] @ H.transpose(0, 2, 1)
         return R
 
@@ -221,19 +205,24 @@ def prepare(records: Astrometry, mission: FitMission, ephemeris: Ephemeris) -> M
     with asking(mission, "fit", "debias"):
         correction, notices = debias.debias(records, table)
     sigma = plan.noise_scale * found.sigma_rad
-    names, made, index = _telescopes(places, sigma)
+    made, index = _telescopes(places, sigma)
     return Material(
         astrometry=records,
         observers=places,
         ephemeris=ephemeris,
         observed=offset(records.psi, -correction),
-        sigma_rad=sigma,
-        correlation=found.correlation,
-        timing_sigma_s=_clocks(records, _ground_clocks(records, plan), found.night_count),
+        exposures=Exposures.at(
+            records.epoch,
+            records.t_s,
+            places.state_km_km_s,
+            ephemeris,
+            telescopes=made,
+            telescope_index=index,
+            sigma_rad=sigma,
+            correlation=found.correlation,
+            timing_sigma_s=_clocks(records, _ground_clocks(records, plan), found.night_count),
+        ),
         rule=found.rule,
-        names=names,
-        telescopes=made,
-        telescope_index=index,
         night=found.night,
         thinning=found.thinning,
         notices=tuple(dict.fromkeys((*records.notices, *places.notices, *found.notices, *notices))),
@@ -250,10 +239,8 @@ def _require_covered(records: Astrometry, ephemeris: Ephemeris, asteroids: bool)
             raise
 
 
-def _telescopes(
-    places: Observers, sigma: Array
-) -> tuple[tuple[str, ...], tuple[Telescope, ...], npt.NDArray[np.int64]]:
-    """Names, telescopes, and which of them made each observation (n,)."""
+def _telescopes(places: Observers, sigma: Array) -> tuple[tuple[Telescope, ...], npt.NDArray[np.int64]]:
+    """Telescopes, and which of them made each observation (n,)."""
     names = tuple(dict.fromkeys(places.telescope.tolist()))
     number = {name: k for k, name in enumerate(names)}
     index = np.array([number[name] for name in places.telescope.tolist()], dtype=np.int64)
@@ -263,7 +250,7 @@ def _telescopes(
         Telescope(name=name, spacecraft=places.spacecraft[name], sigma_rad=np.sqrt(mean[k]))
         for k, name in enumerate(names)
     )
-    return names, made, index
+    return made, index
 
 
 def _ground_clocks(records: Astrometry, plan: FitPlan) -> Array:

@@ -18,11 +18,9 @@ from nebosvod.observation import Nuisance, Observation, Telescope, ZoneBias
 from nebosvod.observation.contracts import Ephemeris as AnyEphemeris
 from nebosvod.observation.earth import obscodes
 from nebosvod.observation.earth.sites import GroundSite
-from nebosvod.observation.measurement.exposures import Look
 from nebosvod.observation.uncertainty.term import White
 from nebosvod.scene.instruments import nuisance
 from nebosvod.scene.material import Material, carrier_of
-from nebosvod.scene.point import Point, View
 from nebosvod.scene.scene import MARGIN_S, Scene, covered, times_of
 
 Array = npt.NDArray[np.float64]
@@ -66,14 +64,24 @@ def scene_of(mission: FitMission, material: Material, forces: ForceModel, trajec
     mission : resolved (`FitMission.of`): its reference epoch and orbit are those of the fit.
     trajectory : the orbit of the fit, over the observations.
     rows : (k,) the selected observations, ascending.
+
+    Notes
+    -----
+    Zones of the sky are those of the observed directions, whatever the orbit says.
     """
-    seeing = {material.names[number] for number in np.unique(material.telescope_index[rows])}
+    exposures = material.exposures.select(rows).counted_from(mission.reference_epoch).seeing()
+    seeing = {telescope.name for telescope in exposures.telescopes}
     sources = {source.name: source for source in mission.sources if seeing & set(source.telescopes)}
-    nuisances = [
-        nuisance(source, mission, tuple(name for name in source.telescopes if name in seeing))
-        for source in sources.values()
-    ]
+    nuisances: list[Nuisance] = []
+    for source in sources.values():
+        names = tuple(name for name in source.telescopes if name in seeing)
+        one = nuisance(source, mission, names)
+        if isinstance(one, ZoneBias):
+            one = replace(one, sky=material.observed[rows][exposures.rows(names)])
+        nuisances.append(one)
     stated = np.flatnonzero(np.isin(rows, material.position_rows))
+    every_s = material.exposures.counted_from(mission.reference_epoch).t_s
+    span = float(every_s.min()), float(every_s.max())
     if stated.size:
         block = Position.model_construct(correlation="white", sigma=1.0, treatment="estimated")
         source = Source(name=STATED, group="position", keys=(STATED,), telescopes=(), error=block, path=("fit",))
@@ -85,12 +93,13 @@ def scene_of(mission: FitMission, material: Material, forces: ForceModel, trajec
         ephemeris=material.ephemeris,
         forces=forces,
         state=np.array(trajectory.at([0.0]).state[0]),
-        telescopes=(*material.telescopes, *_lookouts(mission, material)),
+        telescopes=(*material.exposures.telescopes, *_lookouts(mission, material)),
         visibilities=(),
+        exposures=exposures,
         sources=sources,
         nuisances=tuple(nuisances),
-        span_s=trajectory.span_s,
-        needed_s=trajectory.span_s[1],
+        span_s=span,
+        needed_s=span[1],
         trajectory=trajectory,
     )
 
@@ -163,44 +172,3 @@ def long_trajectory(mission: FitMission, state: Array, forces: ForceModel, span_
         if limit.t_s < needed:
             raise
         return follow(state, epoch, (span[0], needed + NEARLY * (limit.t_s - needed)), needed, forces, True)
-
-
-def observation_of(material: Material, trajectory: Trajectory, seen: Look, rows: Rows) -> Observation:
-    """A look at the sky as the observation stage says it, of some observations in the order of time."""
-    index = material.telescope_index[rows]
-    seeing = np.unique(index)
-    lines = {name: values[rows] for name, values in seen.lines.items()}
-    return Observation(
-        epoch=trajectory.epoch,
-        telescopes=tuple(material.telescopes[number] for number in seeing),
-        telescope_index=np.searchsorted(seeing, index),
-        parameter_names=tuple(trajectory.parameter_names),
-        t_s=material.astrometry.t_s[rows] + (material.astrometry.epoch - trajectory.epoch),
-        psi=seen.psi[rows],
-        H_x=lines["H_x"],
-        H_x0=seen.H[rows, :, :6],
-        H_z=lines["H_z"],
-        H_c=seen.H[rows, :, 6:],
-        rate=seen.rate[rows],
-        noise=material.noise(seen)[rows],
-        u=lines["u"],
-        distance_km=lines["distance"],
-        light_time_s=seen.tau[rows],
-        telescope_state=lines["observer"],
-        target_state=lines["target"],
-        Phi_emission=lines["Phi"],
-        zeta_emission=lines["zeta"],
-    )
-
-
-def view_of(scene: Scene, point: Point, material: Material, trajectory: Trajectory, seen: Look, rows: Rows) -> View:
-    """What the general estimator sees of a look at the sky: the chosen observations and what the sources do to them."""
-    observation = observation_of(material, trajectory, seen, rows)
-    psi = material.observed[rows]
-    terms = tuple(_zoned(one, observation, psi).term(observation, scene.ephemeris) for one in scene.nuisances)
-    return View(point=point, trajectory=trajectory, observation=observation, terms=terms)
-
-
-def _zoned(one: Nuisance, observation: Observation, psi: Array) -> Nuisance:
-    """The same nuisance; zones of the sky are those of the observed directions psi (k, 2), whatever the orbit says."""
-    return replace(one, sky=psi[observation.rows(one.telescopes)]) if isinstance(one, ZoneBias) else one

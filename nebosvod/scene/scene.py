@@ -20,6 +20,7 @@ from nebosvod.mission.spacecraft import OemFile, Spk, Tabulated
 from nebosvod.mission.state import orbit_state
 from nebosvod.mission.target import LOGARITHMS
 from nebosvod.observation import Nuisance, Telescope, Visibility, ZoneBias, visibility
+from nebosvod.observation.measurement.exposures import Exposures, row_order
 from nebosvod.scene.instruments import nuisance, telescopes
 from nebosvod.scene.logarithmic import LogarithmicForces
 from nebosvod.timescale import SECONDS_PER_DAY, Epoch
@@ -41,7 +42,8 @@ class Scene:
     forces : with the free parameters as columns of zeta, at their nominal values.
     state : (6,) reference state, heliocentric ICRF at the mission's reference epoch.
     telescopes : in the order of the mission.
-    visibilities : one for each telescope, at its scheduled epochs.
+    visibilities : one for each telescope, at its scheduled epochs; none where the exposures are those of records.
+    exposures : what is measured, in the order of time and then of telescope; only telescopes that measure anything.
     sources : what the mission says is uncertain about telescopes that measure anything, by name.
     nuisances : the same sources as observation knows them, in the same order.
     span_s : first and last time the orbit is needed, TDB seconds after the reference epoch.
@@ -55,6 +57,7 @@ class Scene:
     state: Array
     telescopes: tuple[Telescope, ...]
     visibilities: tuple[Visibility, ...]
+    exposures: Exposures
     sources: Mapping[str, Source]
     nuisances: tuple[Nuisance, ...]
     span_s: tuple[float, float]
@@ -65,11 +68,6 @@ class Scene:
     def epoch(self) -> Epoch:
         """The mission's reference epoch."""
         return self.mission.reference_epoch
-
-    def exposures_s(self, number: int) -> Array:
-        """Times (n,) at which telescope `number` measures."""
-        seen = self.visibilities[number]
-        return seen.t_s[seen.visible]
 
     def propagate(self, state: Array, forces: ForceModel, *, sensitivities: bool = True) -> Trajectory:
         """The orbit from a state at the reference epoch over the span of the scene, or to its impact.
@@ -103,7 +101,7 @@ def build_scene(mission: Mission) -> Scene:
         instruments = telescopes(mission)
         visibilities = tuple(_visibility(mission, telescope, trajectory) for telescope in instruments)
         _require_seen(instruments, visibilities)
-    sources, nuisances = active_sources(mission, instruments, visibilities)
+    exposures, sources, nuisances = measured(mission, instruments, visibilities, ephemeris)
     return Scene(
         mission=mission,
         ephemeris=ephemeris,
@@ -111,6 +109,7 @@ def build_scene(mission: Mission) -> Scene:
         state=state,
         telescopes=instruments,
         visibilities=visibilities,
+        exposures=exposures,
         sources=sources,
         nuisances=nuisances,
         span_s=span,
@@ -184,26 +183,31 @@ def _require_seen(instruments: Sequence[Telescope], visibilities: Sequence[Visib
     )
 
 
-def active_sources(
-    mission: Mission, instruments: Sequence[Telescope], visibilities: Sequence[Visibility]
-) -> tuple[dict[str, Source], tuple[Nuisance, ...]]:
-    """What is uncertain about telescopes that measure anything: sources by name, and as observation knows them."""
-    seeing = {t.name: seen for t, seen in zip(instruments, visibilities) if seen.visible.any()}
-    active = {s.name: s for s in mission.sources if set(seeing) & set(s.telescopes)}
-    found = []
+def measured(
+    mission: Mission, instruments: Sequence[Telescope], visibilities: Sequence[Visibility], ephemeris: Ephemeris
+) -> tuple[Exposures, dict[str, Source], tuple[Nuisance, ...]]:
+    """What is seen as exposures, and what is uncertain about it: sources by name, and as observation knows them."""
+    pairs = [(t, seen) for t, seen in zip(instruments, visibilities) if seen.visible.any()]
+    planned = [(telescope, seen.t_s[seen.visible]) for telescope, seen in pairs]
+    exposures = Exposures.of(mission.reference_epoch, planned, ephemeris)
+    seeing = {telescope.name for telescope, _ in pairs}
+    active = {s.name: s for s in mission.sources if seeing & set(s.telescopes)}
+    found: list[Nuisance] = []
     for source in active.values():
         names = tuple(name for name in source.telescopes if name in seeing)
         with asking(mission, *source.path):
             one = nuisance(source, mission, names)
-        found.append(replace(one, sky=_sky([seeing[name] for name in names])) if isinstance(one, ZoneBias) else one)
-    return active, tuple(found)
+        if isinstance(one, ZoneBias):
+            one = replace(one, sky=_sky([seen for t, seen in pairs if t.name in names]))
+        found.append(one)
+    return exposures, active, tuple(found)
 
 
 def _sky(visibilities: Sequence[Visibility]) -> Array:
-    """Directions (r, 2) of the exposures of some telescopes on the reference orbit, by time and then telescope."""
+    """Directions (r, 2) of the exposures of some telescopes on the reference orbit, in the order of rows."""
     t_s = np.concatenate([seen.t_s[seen.visible] for seen in visibilities])
     index = np.repeat(np.arange(len(visibilities)), [np.count_nonzero(seen.visible) for seen in visibilities])
-    psi: Array = np.concatenate([seen.psi[seen.visible] for seen in visibilities])[np.lexsort((index, t_s))]
+    psi: Array = np.concatenate([seen.psi[seen.visible] for seen in visibilities])[row_order(t_s, index)]
     return psi
 
 

@@ -4,17 +4,18 @@ Every H_* is the partial of (cos Dec dRA, dDec), the declination being the compu
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from nebosvod.borders.quantities import bordered
 from nebosvod.errors import InputError
-from nebosvod.observation.contracts import Array, Ephemeris, Trajectory
+from nebosvod.observation.contracts import Array, Ephemeris, Rows, Trajectory
 from nebosvod.observation.measurement import rows
 from nebosvod.observation.measurement.emission import Emission
-from nebosvod.observation.measurement.sight import reception_times, sight
+from nebosvod.observation.measurement.exposures import Exposures, reception_times, require_distinct, row_order, rows_of
+from nebosvod.observation.measurement.sight import lines_of_sight
 from nebosvod.observation.measurement.telescope import Telescope
 from nebosvod.timescale import Epoch
 
@@ -31,9 +32,8 @@ class Observation:
     psi : (n, 2) RA in [0, 2 pi) and Dec, rad, astrometric ICRF.
     dec_rad : (n,) the declination frozen in the partials.
     H_x : (n, 2, 6) by the heliocentric state at reception, rad/km and rad/(km/s).
-    H_x0 : (n, 2, 6) by the heliocentric state at `epoch`.
+    H : (n, 2, 6 + m) by the heliocentric state at `epoch` (`H_x0`) and by the parameters `parameter_names` (`H_c`).
     H_z : (n, 2, 3) by the telescope's position, ICRF, rad/km.
-    H_c : (n, 2, m) by the dynamic parameters `parameter_names`.
     rate : (n, 2) apparent motion in RA cos Dec and Dec, rad/s: the partial by a clock error.
     noise : (n, 2, 2) covariance R of the measurement noise, rad^2.
     u, distance_km, light_time_s : (n, 3) ICRF line of sight, (n,), (n,).
@@ -49,9 +49,8 @@ class Observation:
     t_s: Array
     psi: Array
     H_x: Array
-    H_x0: Array
+    H: Array
     H_z: Array
-    H_c: Array
     rate: Array
     noise: Array
     u: Array
@@ -67,6 +66,26 @@ class Observation:
         """Computed declination (n,), rad: frozen in the partials and in the residual."""
         return self.psi[:, 1]
 
+    @property
+    def H_x0(self) -> Array:
+        """Partials (n, 2, 6) by the heliocentric state at `epoch`."""
+        return self.H[:, :, :6]
+
+    @property
+    def H_c(self) -> Array:
+        """Partials (n, 2, m) by the dynamic parameters."""
+        return self.H[:, :, 6:]
+
+    def select(self, chosen: Rows) -> "Observation":
+        """These measurements alone (k,), of the telescopes that made any."""
+        used = np.unique(self.telescope_index[chosen])
+        return replace(
+            self,
+            telescopes=tuple(self.telescopes[number] for number in used),
+            telescope_index=np.searchsorted(used, self.telescope_index[chosen]),
+            **{name: getattr(self, name)[chosen] for name in ROW_FIELDS},
+        )
+
     def rows(self, telescopes: Sequence[str]) -> npt.NDArray[np.int64]:
         """Row numbers, in order, of the measurements made by the named telescopes.
 
@@ -75,12 +94,7 @@ class Observation:
         InputError
             If a name is not a telescope of this observation.
         """
-        known = [telescope.name for telescope in self.telescopes]
-        for name in telescopes:
-            if name not in known:
-                raise InputError(f'telescope "{name}" made no measurement here (there are: {", ".join(known)})')
-        wanted = [known.index(name) for name in telescopes]
-        return np.flatnonzero(np.isin(self.telescope_index, wanted))
+        return rows_of(telescopes, self.telescopes, self.telescope_index)
 
 
 CHUNK = 4096  # epochs computed at a time: their temporaries stay in the processor's cache
@@ -89,9 +103,8 @@ ROW_FIELDS: dict[str, tuple[int | str, ...]] = {
     "t_s": (),
     "psi": (2,),
     "H_x": (2, 6),
-    "H_x0": (2, 6),
+    "H": (2, "6 + m"),
     "H_z": (2, 3),
-    "H_c": (2, "m"),
     "rate": (2,),
     "noise": (2, 2),
     "u": (3,),
@@ -102,6 +115,7 @@ ROW_FIELDS: dict[str, tuple[int | str, ...]] = {
     "Phi_emission": (3, 6),
     "zeta_emission": (3, "m"),
 }
+OF_SIMULATION = ("Phi_emission", "zeta_emission")
 
 
 @bordered()
@@ -111,7 +125,7 @@ def observe(trajectory: Trajectory, telescope: Telescope, t_s: Array, ephemeris:
     Parameters
     ----------
     trajectory : heliocentric, with Phi and zeta; must reach back the light time before the first exposure.
-    t_s : shape (n,), reception times, TDB seconds after `trajectory.epoch`.
+    t_s : shape (n,), reception times, TDB seconds after `trajectory.epoch`, in any order.
 
     Raises
     ------
@@ -122,46 +136,103 @@ def observe(trajectory: Trajectory, telescope: Telescope, t_s: Array, ephemeris:
 
     Notes
     -----
+    The equations are those of `compute`.
+    """
+    t_s = reception_times(t_s)
+    exposures = Exposures.at(
+        trajectory.epoch,
+        t_s,
+        telescope.spacecraft.state_km_km_s(ephemeris, trajectory.epoch, t_s),
+        ephemeris,
+        telescopes=(telescope,),
+        sigma_rad=telescope.sigma_rad,
+        timing_sigma_s=telescope.timing_sigma_s,
+    )
+    return compute(trajectory, exposures)
+
+
+def compute(
+    trajectory: Trajectory, exposures: Exposures, near: Array | None = None, *, simulates: bool = True
+) -> Observation:
+    """Compute what is measured in some exposures, with all partials, row by row.
+
+    Parameters
+    ----------
+    exposures : counted from `trajectory.epoch`, of any telescopes, in any order.
+    near : light times (n,) of a near orbit, such as those of the last iteration: one look at the trajectory then does.
+    simulates : whether measurements will be drawn about this orbit. Without, the partials that only simulation needs
+        are left empty: a fifth of the memory.
+
+    Raises
+    ------
+    InputError, CoverageError
+        As `observe`.
+
+    Notes
+    -----
     With D (n, 2, 3) = tangent axes / distance and L = I - V u^T / (c + u.V):
     H_z = -D L, H_x0 = D L Phi(t - tau, 0), H_c = D L zeta(t - tau, 0), H_x = D L Phi(t - tau, t), and the apparent
     rate is D L (V - v_telescope). Phi(t - tau, t) = [I + tau^2 G / 2, -tau I - tau^3 G / 6] with the Sun's gravity
     gradient G: the gradient term is 1e-8 of the whole at 1 au, the next one 1e-11.
     """
-    t_s = reception_times(t_s)
-    names = tuple(trajectory.parameter_names)
-    filled = {name: np.empty(_shape(t_s.size, shape, len(names))) for name, shape in ROW_FIELDS.items()}
+    n, m = len(exposures), len(trajectory.parameter_names)
     emission = Emission(trajectory)
-    for start in range(0, t_s.size, CHUNK):
-        part = slice(start, start + CHUNK)
-        _fill({name: values[part] for name, values in filled.items()}, emission, telescope, t_s[part], ephemeris)
+    if n <= CHUNK:
+        filled = _computed(emission, exposures, near)
+    else:
+        filled = {name: np.empty((n, *(_size(size, m) for size in shape))) for name, shape in ROW_FIELDS.items()}
+        for start in range(0, n, CHUNK):
+            part = slice(start, start + CHUNK)
+            piece = _computed(emission, exposures.select(part), None if near is None else near[part])
+            for name, values in piece.items():
+                if simulates or name not in OF_SIMULATION:
+                    filled[name][part] = values
+    if not simulates:
+        filled |= {name: np.empty((0, *(_size(size, m) for size in ROW_FIELDS[name]))) for name in OF_SIMULATION}
     return Observation(
         epoch=trajectory.epoch,
-        telescopes=(telescope,),
-        telescope_index=np.zeros(t_s.size, dtype=np.int64),
-        parameter_names=names,
+        telescopes=exposures.telescopes,
+        telescope_index=exposures.telescope_index,
+        parameter_names=tuple(trajectory.parameter_names),
         **filled,
     )
 
 
-def _shape(n: int, row: tuple[int | str, ...], m: int) -> tuple[int, ...]:
-    """Shape of n rows, each of the shape `row`, in which "m" stands for the number of parameters."""
-    return (n, *(m if isinstance(size, str) else size for size in row))
+def _size(size: int | str, m: int) -> int:
+    """One side of a row's shape, in which "m" stands for the number of parameters."""
+    if isinstance(size, int):
+        return size
+    return m if size == "m" else 6 + m
 
 
-def _fill(out: dict[str, Array], emission: Emission, telescope: Telescope, t_s: Array, ephemeris: Ephemeris) -> None:
-    """`observe` for as many epochs as fit the processor's cache, into the arrays of `out`."""
-    line = sight(emission.trajectory, telescope.spacecraft, t_s, ephemeris, emission.state_at)
-    for name in ("t_s", "psi", "u", "distance_km", "light_time_s", "telescope_state", "target_state"):
-        out[name][...] = getattr(line, name)
-    emission.partials(out["Phi_emission"], out["zeta_emission"])
+def _computed(emission: Emission, exposures: Exposures, near: Array | None) -> dict[str, Array]:
+    """The rows of as many exposures as fit the processor's cache."""
+    line = lines_of_sight(emission.trajectory, exposures, near=near, emitted=emission.state_at)
+    n, m = len(exposures), len(emission.trajectory.parameter_names)
+    H_x, H, H_z = np.empty((n, 2, 6)), np.empty((n, 2, 6 + m)), np.empty((n, 2, 3))
+    Phi, zeta = np.empty((n, 3, 6)), np.empty((n, 3, m))
+    emission.partials(Phi, zeta)
     DL = line.sky_partials()
-    rate = line.rate(DL)
-    out["rate"][...] = rate
-    out["noise"][...] = telescope.noise(rate)
     rows.measurement_partials(
-        ephemeris.gm_km3_s2["sun"], DL, line.heliocentric_state, line.light_time_s,
-        out["Phi_emission"], out["zeta_emission"], out["H_x"], out["H_x0"], out["H_z"], out["H_c"],
-    )  # fmt: skip
+        exposures.gm_sun_km3_s2, DL, line.heliocentric_state, line.light_time_s, Phi, zeta, H_x, H_z, H
+    )
+    rate = line.rate(DL)
+    return {
+        "t_s": line.t_s,
+        "psi": line.psi,
+        "H_x": H_x,
+        "H": H,
+        "H_z": H_z,
+        "rate": rate,
+        "noise": exposures.noise(rate),
+        "u": line.u,
+        "distance_km": line.distance_km,
+        "light_time_s": line.light_time_s,
+        "telescope_state": line.telescope_state,
+        "target_state": line.target_state,
+        "Phi_emission": Phi,
+        "zeta_emission": zeta,
+    }
 
 
 def merge(observations: Sequence[Observation]) -> Observation:
@@ -176,9 +247,7 @@ def merge(observations: Sequence[Observation]) -> Observation:
         raise InputError("merge: no observations to join")
     first = observations[0]
     telescopes = tuple(telescope for observation in observations for telescope in observation.telescopes)
-    names = [telescope.name for telescope in telescopes]
-    if len(set(names)) < len(names):
-        raise InputError(f"merge: two telescopes have one name ({', '.join(sorted(names))})")
+    require_distinct(telescopes)
     for observation in observations[1:]:
         if observation.epoch != first.epoch or observation.parameter_names != first.parameter_names:
             raise InputError("merge: the observations belong to different trajectories (epoch or parameters differ)")
@@ -186,22 +255,11 @@ def merge(observations: Sequence[Observation]) -> Observation:
         return first
     starts = np.cumsum([0] + [len(observation.telescopes) for observation in observations])
     index = np.concatenate([o.telescope_index + start for o, start in zip(observations, starts)])
-    order = np.lexsort((index, np.concatenate([observation.t_s for observation in observations])))
-    place = np.empty_like(order)
-    place[order] = np.arange(order.size)
-    places = np.split(place, np.cumsum([observation.t_s.size for observation in observations])[:-1])
+    order = row_order(np.concatenate([observation.t_s for observation in observations]), index)
     return Observation(
         epoch=first.epoch,
         telescopes=telescopes,
         telescope_index=index[order],
         parameter_names=first.parameter_names,
-        **{name: _interleave([getattr(o, name) for o in observations], places) for name in ROW_FIELDS},
+        **{name: np.concatenate([getattr(o, name) for o in observations])[order] for name in ROW_FIELDS},
     )
-
-
-def _interleave(parts: Sequence[Array], places: Sequence[npt.NDArray[np.int64]]) -> Array:
-    """Rows of all parts in one new array, each at its place: no other copy is made."""
-    joined = np.empty((sum(len(part) for part in parts), *parts[0].shape[1:]))
-    for part, place in zip(parts, places):
-        joined[place] = part
-    return joined

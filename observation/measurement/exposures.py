@@ -1,216 +1,301 @@
-"""The observed sky as arrays, and what an orbit says of it: computed directions with their partials.
+"""Exposures: when, by which telescope, from where, and how well. One table, whoever made the schedule or the records.
 
-The observers do not move while an orbit is fitted, so their states are computed once, and one pass of the compiled
-loops serves the observations of all stations together.
+Observers do not move while an orbit is fitted, so their states are computed once, and one pass of the compiled loops
+serves the exposures of all telescopes together.
 """
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
-from nebosvod.dynamics import Ephemeris, Trajectory
-from nebosvod.errors import InputError
-from nebosvod.observation.contracts import Flags, Rows
-from nebosvod.observation.measurement import rows
+from nebosvod.errors import CoverageError, InputError
+from nebosvod.observation.contracts import Array, Ephemeris, Flags, Rows
 from nebosvod.observation.measurement.direction import residual
+from nebosvod.observation.measurement.telescope import Telescope
 from nebosvod.timescale import Epoch
 
-Array = npt.NDArray[np.float64]
-# A light time this close is corrected to first order: even a fall of 10 m/s^2 close to the Earth then adds 5 cm.
-NEAR_S = 0.1
-SETTLED_S = 1e-9
-ROUNDS = 10
+BACK_S = 60.0  # over which the Sun's acceleration is a difference of its velocities
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Exposures:
+    """A table of n exposures.
+
+    Attributes
+    ----------
+    epoch : from which times count.
+    telescopes, telescope_index : the telescopes, and for each exposure (n,) which one of them makes it.
+    t_s : (n,) reception times, TDB seconds after `epoch`.
+    observer : (n, 6) barycentric ICRF state of the telescope at reception, km and km/s.
+    sun, sun_pull : (n, 6) and (n, 3) the Sun's barycentric state at reception, and its acceleration, km/s^2.
+    gm_sun_km3_s2 : its gravitational parameter.
+    sigma_rad : (n, 2) of RA cos Dec and Dec; correlation : (n,) of the two.
+    timing_sigma_s : (n,) of the time of each exposure by itself.
+    """
+
+    epoch: Epoch
+    telescopes: tuple[Telescope, ...]
+    telescope_index: Rows
+    t_s: Array
+    observer: Array
+    sun: Array
+    sun_pull: Array
+    gm_sun_km3_s2: float
+    sigma_rad: Array
+    correlation: Array
+    timing_sigma_s: Array
+
+    @classmethod
+    def at(
+        cls,
+        epoch: Epoch,
+        t_s: npt.ArrayLike,
+        observer: Array,
+        ephemeris: Ephemeris,
+        *,
+        telescopes: tuple[Telescope, ...] = (),
+        telescope_index: Rows | None = None,
+        sigma_rad: Array | float = 1.0,
+        correlation: Array | float = 0.0,
+        timing_sigma_s: Array | float = 0.0,
+    ) -> "Exposures":
+        """Exposures at places that are known.
+
+        Parameters
+        ----------
+        t_s : shape (n,), TDB seconds after `epoch`, in any order.
+        observer : shape (n, 6), barycentric ICRF, km and km/s.
+
+        Raises
+        ------
+        InputError
+            If the times are no vector of finite numbers.
+        CoverageError
+            If the ephemeris does not cover a time.
+        """
+        times = reception_times(t_s)
+        sun = own(ephemeris.state_km_km_s("sun", epoch, times))
+        n = times.size
+        return cls(
+            epoch=epoch,
+            telescopes=telescopes,
+            telescope_index=np.zeros(n, dtype=np.int64) if telescope_index is None else telescope_index,
+            t_s=times,
+            observer=own(observer),
+            sun=sun,
+            sun_pull=_sun_pull(sun, times, epoch, ephemeris),
+            gm_sun_km3_s2=ephemeris.gm_km3_s2["sun"],
+            sigma_rad=np.broadcast_to(np.asarray(sigma_rad, dtype=np.float64), (n, 2)),
+            correlation=np.broadcast_to(np.asarray(correlation, dtype=np.float64), (n,)),
+            timing_sigma_s=np.broadcast_to(np.asarray(timing_sigma_s, dtype=np.float64), (n,)),
+        )
+
+    @classmethod
+    def of(cls, epoch: Epoch, planned: Sequence[tuple[Telescope, Array]], ephemeris: Ephemeris) -> "Exposures":
+        """The exposures of some telescopes at times (k,) of each, in the order of time and then of telescope.
+
+        Raises
+        ------
+        InputError, CoverageError
+            As `at`; also if there is no telescope, or two have one name.
+        """
+        telescopes = tuple(telescope for telescope, _ in planned)
+        require_distinct(telescopes)
+        times = [reception_times(t_s) for _, t_s in planned]
+        index = np.repeat(np.arange(len(times)), [own_times.size for own_times in times])
+        t_s = np.concatenate(times)
+        order = row_order(t_s, index)
+        observer = np.empty((t_s.size, 6))
+        place = np.empty_like(order)
+        place[order] = np.arange(order.size)
+        for telescope, own_times, rows in zip(telescopes, times, np.split(place, np.cumsum([t.size for t in times]))):
+            observer[rows] = telescope.spacecraft.state_km_km_s(ephemeris, epoch, own_times)
+        index = index[order]
+        return cls.at(
+            epoch,
+            t_s[order],
+            observer,
+            ephemeris,
+            telescopes=telescopes,
+            telescope_index=index,
+            sigma_rad=np.array([telescope.sigma_rad for telescope in telescopes])[index],
+            timing_sigma_s=np.array([telescope.timing_sigma_s for telescope in telescopes])[index],
+        )
+
+    def __len__(self) -> int:
+        """Number of exposures."""
+        return len(self.t_s)
+
+    def rows(self, telescopes: Sequence[str]) -> Rows:
+        """Row numbers, in order, of the exposures by the named telescopes; InputError if one makes none."""
+        return rows_of(telescopes, self.telescopes, self.telescope_index)
+
+    def select(self, chosen: Rows | Flags | slice) -> "Exposures":
+        """These exposures alone; telescopes keep their numbers."""
+        rows = {name: getattr(self, name)[chosen] for name in ROW_FIELDS}
+        return replace(self, **rows)
+
+    def seeing(self) -> "Exposures":
+        """The same with those telescopes alone that make any."""
+        used = np.unique(self.telescope_index)
+        if used.size == len(self.telescopes):
+            return self
+        telescopes = tuple(self.telescopes[number] for number in used)
+        return replace(self, telescopes=telescopes, telescope_index=np.searchsorted(used, self.telescope_index))
+
+    def counted_from(self, epoch: Epoch) -> "Exposures":
+        """The same with times counted from another epoch."""
+        return replace(self, epoch=epoch, t_s=self.t_s + (self.epoch - epoch))
+
+    def noise(self, rate_rad_s: Array | None = None) -> Array:
+        """Covariance R (n, 2, 2), rad^2, of the measurement noise at apparent rates (n, 2), RA cos Dec and Dec.
+
+        R = sigma and correlation + sigma_t^2 rate rate^T: a clock error moves the measurement along the track.
+        """
+        R = np.empty((len(self), 2, 2))
+        R[:, 0, 0], R[:, 1, 1] = self.sigma_rad[:, 0] ** 2, self.sigma_rad[:, 1] ** 2
+        R[:, 0, 1] = R[:, 1, 0] = self.correlation * self.sigma_rad[:, 0] * self.sigma_rad[:, 1]
+        if rate_rad_s is not None and self.timing_sigma_s.any():
+            R += self.timing_sigma_s[:, None, None] ** 2 * rate_rad_s[:, :, None] * rate_rad_s[:, None, :]
+        return R
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Sky:
-    """Observations of one object by any number of stations, in any order.
+    """Exposures and the directions measured in them, with their weights.
 
     Attributes
     ----------
-    epoch : from which times count, and at which the fitted state is meant.
-    t_s : (n,) reception times, TDB seconds after `epoch`.
+    exposures : in any order.
     observed : (n, 2) RA and Dec, rad, star-catalogue errors already removed.
-    R : (n, 2, 2) noise covariance of RA cos Dec and Dec, rad^2.
+    R : (n, 2, 2) covariance of RA cos Dec and Dec by which a direction is weighed, rad^2.
     whitener : (n, 2, 2) lower triangular W with W R W^T = I.
-    observer : (n, 6) barycentric ICRF state of the observer at reception.
-    sun : (n, 6) barycentric ICRF state of the Sun at reception.
     """
 
-    epoch: Epoch
-    t_s: Array
+    exposures: Exposures
     observed: Array
     R: Array
     whitener: Array
-    observer: Array
-    sun: Array
 
     @classmethod
     def of(cls, epoch: Epoch, t_s: Array, observed: Array, R: Array, observer: Array, ephemeris: Ephemeris) -> "Sky":
-        """The sky of these observations.
+        """Directions observed (n, 2) with weights R (n, 2, 2) at times (n,) from places (n, 6), by nobody.
 
         Raises
         ------
         InputError
             If a noise covariance is not positive definite.
         """
-        return cls(
-            epoch=epoch,
-            t_s=np.ascontiguousarray(t_s, dtype=np.float64),
-            observed=observed,
-            R=R,
-            whitener=_whitener(R),
-            observer=np.require(observer, dtype=np.float64, requirements=("C", "W")),
-            sun=np.require(ephemeris.state_km_km_s("sun", epoch, t_s), dtype=np.float64, requirements=("C", "W")),
-        )
+        return cls.measured(Exposures.at(epoch, t_s, observer, ephemeris), observed, R)
+
+    @classmethod
+    def measured(cls, exposures: Exposures, observed: Array, R: Array) -> "Sky":
+        """The directions measured in some exposures; raises as `of`."""
+        return cls(exposures=exposures, observed=observed, R=R, whitener=_whitener(R))
+
+    @property
+    def epoch(self) -> Epoch:
+        """From which times count, and at which a fitted state is meant."""
+        return self.exposures.epoch
+
+    @property
+    def t_s(self) -> Array:
+        """Reception times (n,), TDB seconds after `epoch`."""
+        return self.exposures.t_s
 
     def __len__(self) -> int:
         """Number of observations."""
-        return len(self.t_s)
+        return len(self.exposures)
 
     @property
     def span_s(self) -> tuple[float, float]:
         """First and last reception."""
         return float(self.t_s.min()), float(self.t_s.max())
 
+    def residual(self, computed: Array) -> Array:
+        """Observed minus computed directions psi (n, 2) as (wrapped dRA cos Dec, dDec), rad."""
+        return residual(self.observed, computed)
+
     def select(self, chosen: Rows | Flags) -> "Sky":
         """The sky of these observations alone."""
-
-        def part(values: Array) -> Array:
-            return np.ascontiguousarray(values[chosen])
-
-        return replace(
-            self,
-            t_s=part(self.t_s),
-            observed=part(self.observed),
-            R=part(self.R),
-            whitener=part(self.whitener),
-            observer=part(self.observer),
-            sun=part(self.sun),
+        return Sky(
+            exposures=self.exposures.select(chosen),
+            observed=self.observed[chosen],
+            R=self.R[chosen],
+            whitener=self.whitener[chosen],
         )
 
     def counted_from(self, epoch: Epoch) -> "Sky":
         """The same with times counted from another epoch."""
-        return replace(self, epoch=epoch, t_s=self.t_s + (self.epoch - epoch))
+        return replace(self, exposures=self.exposures.counted_from(epoch))
 
     def weighed(self, R: Array) -> "Sky":
-        """The same with another noise covariance (n, 2, 2)."""
+        """The same with other weights (n, 2, 2)."""
         return replace(self, R=R, whitener=_whitener(R))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Look:
-    """What an orbit says of a sky; arrays have the observation on the first axis.
-
-    Attributes
-    ----------
-    tau : (n,) light times, s.
-    psi : (n, 2) computed RA in [0, 2 pi) and Dec, astrometric ICRF, rad.
-    residual : (n, 2) observed minus computed, (wrapped dRA cos Dec, dDec), rad.
-    H : (n, 2, 6 + m) partials by the state at the epoch (km, km/s) and the dynamic parameters.
-    lines : what else was computed on the way: barycentric target (n, 6) at emission, u (n, 3), distance (n,), DL, H_x,
-        H_z, Phi and zeta of the position at emission, as in `observation.astrometry.Observation`.
-    """
-
-    tau: Array
-    psi: Array
-    residual: Array
-    H: Array
-    lines: Mapping[str, Array]
-
-    @property
-    def rate(self) -> Array:
-        """Apparent motion (n, 2) in RA cos Dec and Dec, rad/s."""
-        motion = np.empty_like(self.psi)
-        rows.apparent_rates(self.lines["DL"], self.lines["target"], self.lines["observer"], motion)
-        return motion
-
-    @property
-    def distance_km(self) -> Array:
-        """From the observer to the object (n,)."""
-        return self.lines["distance"]
+ROW_FIELDS = (
+    "telescope_index", "t_s", "observer", "sun", "sun_pull", "sigma_rad", "correlation", "timing_sigma_s",
+)  # fmt: skip
 
 
-def look(trajectory: Trajectory, sky: Sky, tau: Array | None = None) -> Look:
-    """Compute the directions of all observations from one trajectory, with their partials.
+def row_order(t_s: Array, telescope_index: Rows) -> Rows:
+    """The one order of rows (n,): by time, then by telescope."""
+    return np.lexsort((telescope_index, t_s))
 
-    Parameters
-    ----------
-    trajectory : with sensitivities, `trajectory.epoch` that of the sky.
-    tau : light times (n,) of a near orbit, such as those of the last iteration.
+
+def rows_of(named: Sequence[str], telescopes: Sequence[Telescope], telescope_index: Rows) -> Rows:
+    """Row numbers, in order, of the named telescopes, from the number of the telescope of each row (n,).
 
     Raises
     ------
     InputError
-        If the light time does not settle in ten rounds.
-    CoverageError
-        If an emission time lies outside the trajectory.
-
-    Notes
-    -----
-    The formulas are those of `observation.astrometry.observe`, in the same compiled loops. The Sun is carried from
-    reception to emission along its velocity: its acceleration moves it by less than a millimetre a light time of 500 s.
+        If a name is not among the telescopes.
     """
-    lines = _lines(trajectory, sky, tau)
-    n = len(sky)
-    DL, H_x, H_z = np.empty((n, 2, 3)), np.empty((n, 2, 6)), np.empty((n, 2, 3))
-    m = len(trajectory.parameter_names)
-    Phi, zeta, H_x0, H_c = np.empty((n, 3, 6)), np.empty((n, 3, m)), np.empty((n, 2, 6)), np.empty((n, 2, m))
-    rows.sky_partials(lines["target"], lines["u"], lines["distance"], DL)
-    rows.emission_partials(lines.pop("variations"), np.array(trajectory._chain), Phi, zeta)
-    rows.measurement_partials(
-        trajectory.forces.ephemeris.gm_km3_s2["sun"], DL, lines["heliocentric"], lines["tau"],
-        Phi, zeta, H_x, H_x0, H_z, H_c,
-    )  # fmt: skip
-    return Look(
-        tau=lines["tau"],
-        psi=lines["psi"],
-        residual=residual(sky.observed, lines["psi"]),
-        H=np.concatenate([H_x0, H_c], axis=2) if m else H_x0,
-        lines=lines | {"observer": sky.observer, "DL": DL, "H_x": H_x, "H_z": H_z, "Phi": Phi, "zeta": zeta},
-    )
+    known = [telescope.name for telescope in telescopes]
+    for name in named:
+        if name not in known:
+            raise InputError(f'telescope "{name}" made no measurement here (there are: {", ".join(known)})')
+    return np.flatnonzero(np.isin(telescope_index, [known.index(name) for name in named]))
 
 
-def _lines(trajectory: Trajectory, sky: Sky, tau: Array | None) -> dict[str, Array]:
-    """Solve the light time: lines of sight and the variations at emission, by name."""
-    n, table = len(sky), trajectory._table
-    sun = sky.sun.copy()
-    step, distance, light_time = np.empty((3, n))
-    target, u, psi = np.empty((n, 6)), np.empty((n, 3)), np.empty((n, 2))
-    if tau is None:
-        tau = np.empty(n)
-        gm_sun = trajectory.forces.ephemeris.gm_km3_s2["sun"]
-        rows.first_light_times(gm_sun, trajectory.state_at(sky.t_s), sun, sky.observer, tau)
-    for _ in range(ROUNDS):
-        emission = sky.t_s - tau
-        _require(trajectory, emission)
-        heliocentric, variations = table.evaluate(emission, variations=True)
-        largest = NEAR_S
-        while largest >= SETTLED_S:
-            sun[:, :3] = sky.sun[:, :3] - sky.sun[:, 3:] * tau[:, None]
-            largest = rows.lines_of_sight(
-                tau, heliocentric, sun, sky.observer, step, target, u, distance, light_time, psi
-            )
-            if not largest < NEAR_S:
-                break
-            heliocentric[:, :3] -= heliocentric[:, 3:] * step[:, None]
-            tau = tau + step
-        if largest < SETTLED_S:
-            return {
-                "tau": light_time, "heliocentric": heliocentric, "variations": variations, "target": target, "u": u,
-                "distance": distance, "psi": psi,
-            }  # fmt: skip
-        tau = tau + step
-    raise InputError(f"light time did not settle in {ROUNDS} rounds (last step {np.max(np.abs(step)):.3g} s)")
+def require_distinct(telescopes: Sequence[Telescope]) -> None:
+    """Refuse no telescope at all, and two of one name."""
+    if not telescopes:
+        raise InputError("no telescope, so nothing to observe")
+    names = [telescope.name for telescope in telescopes]
+    if len(set(names)) < len(names):
+        raise InputError(f"two telescopes have one name ({', '.join(sorted(names))})")
 
 
-def _require(trajectory: Trajectory, emission: Array) -> None:
-    """Raise CoverageError (by the trajectory) unless it holds all emission times."""
-    first, last = trajectory.span_s
-    if not (first <= emission.min() and emission.max() <= last):
-        trajectory.state_at(emission)
+def reception_times(t_s: npt.ArrayLike) -> Array:
+    """A copy of the times as a contiguous vector (n,).
+
+    Raises
+    ------
+    InputError
+        If they are no vector, empty, or not finite.
+    """
+    times = np.array(t_s, dtype=np.float64)
+    if times.ndim != 1 or times.size == 0 or not np.all(np.isfinite(times)):
+        raise InputError(f"sight: reception times must be a non-empty vector of finite numbers (shape {times.shape})")
+    return times
+
+
+def own(values: Array) -> Array:
+    """Values as the compiled loops want them, C-contiguous and writable: copied only if they are not."""
+    return np.require(values, dtype=np.float64, requirements=("C", "W"))
+
+
+def _sun_pull(sun: Array, t_s: Array, epoch: Epoch, ephemeris: Ephemeris) -> Array:
+    """The Sun's barycentric acceleration (n, 3), km/s^2: with it, it is carried over a light time to a micrometre."""
+    try:
+        before, back = ephemeris.state_km_km_s("sun", epoch, t_s - BACK_S), BACK_S
+    except CoverageError:  # the first minute of the ephemeris
+        before, back = ephemeris.state_km_km_s("sun", epoch, t_s + BACK_S), -BACK_S
+    return own((sun[:, 3:] - before[:, 3:]) / back)
 
 
 def _whitener(R: Array) -> Array:

@@ -15,6 +15,8 @@ from nebosvod.dynamics.constants import SPEED_OF_LIGHT_KM_S
 from nebosvod.observation.contracts import Array
 
 TURN = 2.0 * np.pi
+ROUND_OFF = 1e-15  # of a light time: years, for an object at 1e13 km
+CORRECTIONS = 10  # of a light time, along the velocity; each gains a factor V/c
 
 
 @kernel
@@ -41,29 +43,44 @@ def first_light_times(gm_sun: float, heliocentric: Array, sun: Array, telescope:
 
 @kernel
 def lines_of_sight(
-    tau: Array, heliocentric: Array, sun: Array, telescope: Array,
-    step: Array, target: Array, u: Array, distance: Array, light_time: Array, psi: Array,
+    tau: Array, heliocentric: Array, sun: Array, pull: Array, telescope: Array, near_s: float, settled_s: float,
+    target: Array, u: Array, distance: Array, light_time: Array, psi: Array,
 ) -> float:  # fmt: skip
-    """Lines of sight for the light times tau (n,) and the Newton step of each; returns the largest |step|, s.
+    """Lines of sight at the light times tau (n,), corrected to first order; returns the largest step not settled, s.
 
-    Reads the target's `heliocentric` and the Sun's barycentric states (n, 6) at emission t - tau and the telescope's
-    at reception. Fills step (n,) = (|rho| - c tau) / (c + u.V), target (n, 6) barycentric, u (n, 3), distance (n,),
-    light_time (n,) = |rho| / c and psi (n, 2).
+    Reads the target's `heliocentric` state (n, 6) at emission t - tau, and at reception the Sun's barycentric state
+    `sun` (n, 6) and acceleration `pull` (n, 3) and the telescope's state (n, 6). Newton's step of tau is
+    (|rho| - c tau) / (c + u.V); one below `near_s` is taken at once along the velocity of the target, until a row has
+    settled to `settled_s`. A larger one is taken too, but its row has not settled: the state at emission must be asked
+    for anew. Fills target (n, 6) barycentric, u (n, 3), distance (n,), light_time (n,) = |rho| / c and psi (n, 2);
+    moves tau, and the positions of `heliocentric`, to the last step.
     """
     largest = 0.0
     for e in range(tau.shape[0]):
-        for i in range(6):
-            target[e, i] = heliocentric[e, i] + sun[e, i]
-        x, y, z = target[e, 0] - telescope[e, 0], target[e, 1] - telescope[e, 1], target[e, 2] - telescope[e, 2]
-        d = math.sqrt(x * x + y * y + z * z)
-        u[e, 0], u[e, 1], u[e, 2] = x / d, y / d, z / d
-        speed = u[e, 0] * target[e, 3] + u[e, 1] * target[e, 4] + u[e, 2] * target[e, 5]
-        step[e] = (d - SPEED_OF_LIGHT_KM_S * tau[e]) / (SPEED_OF_LIGHT_KM_S + speed)
-        distance[e] = d
-        light_time[e] = d / SPEED_OF_LIGHT_KM_S
+        step, settled, x, y, z = near_s, settled_s, 0.0, 0.0, 0.0
+        for _ in range(CORRECTIONS):
+            t = tau[e]
+            for i in range(3):
+                target[e, i] = heliocentric[e, i] + sun[e, i] - t * (sun[e, 3 + i] - 0.5 * t * pull[e, i])
+                target[e, 3 + i] = heliocentric[e, 3 + i] + sun[e, 3 + i] - t * pull[e, i]
+            x, y, z = target[e, 0] - telescope[e, 0], target[e, 1] - telescope[e, 1], target[e, 2] - telescope[e, 2]
+            d = math.sqrt(x * x + y * y + z * z)
+            u[e, 0], u[e, 1], u[e, 2] = x / d, y / d, z / d
+            speed = u[e, 0] * target[e, 3] + u[e, 1] * target[e, 4] + u[e, 2] * target[e, 5]
+            step = (d - SPEED_OF_LIGHT_KM_S * t) / (SPEED_OF_LIGHT_KM_S + speed)
+            distance[e] = d
+            light_time[e] = d / SPEED_OF_LIGHT_KM_S
+            settled = settled_s + ROUND_OFF * abs(t)
+            if abs(step) <= settled:
+                break
+            tau[e] = t + step
+            if not abs(step) < near_s:
+                break
+            for i in range(3):
+                heliocentric[e, i] -= heliocentric[e, 3 + i] * step
+        if largest == largest and not abs(step) <= max(largest, settled):  # nan counts as large, and stays
+            largest = abs(step)
         psi[e, 0], psi[e, 1] = _ra_dec(x, y, z)
-        if abs(step[e]) > largest or step[e] != step[e]:  # nan counts as large, and stays
-            largest = abs(step[e])
     return largest
 
 
@@ -148,9 +165,9 @@ def emission_partials(variations: Array, chain: Array, Phi: Array, zeta: Array) 
 @kernel
 def measurement_partials(
     gm_sun: float, DL: Array, heliocentric: Array, tau: Array, Phi: Array, zeta: Array,
-    H_x: Array, H_x0: Array, H_z: Array, H_c: Array,
+    H_x: Array, H_z: Array, H: Array,
 ) -> None:  # fmt: skip
-    """H_x (n, 2, 6), H_x0 (n, 2, 6), H_z (n, 2, 3) and H_c (n, 2, m); see `astrometry.observe` for the equations.
+    """H_x (n, 2, 6), H_z (n, 2, 3) and H = [H_x0 | H_c] (n, 2, 6 + m); see `astrometry.observe` for the equations.
 
     DL (n, 2, 3), the target's heliocentric state (n, 6) at emission, light time tau (n,), Phi (n, 3, 6) and zeta
     (n, 3, m) of the position at emission by the state at the epoch and the parameters.
@@ -165,9 +182,9 @@ def measurement_partials(
             p, q, s = DL[e, a, 0], DL[e, a, 1], DL[e, a, 2]
             H_z[e, a, 0], H_z[e, a, 1], H_z[e, a, 2] = -p, -q, -s
             for j in range(6):
-                H_x0[e, a, j] = p * Phi[e, 0, j] + q * Phi[e, 1, j] + s * Phi[e, 2, j]
+                H[e, a, j] = p * Phi[e, 0, j] + q * Phi[e, 1, j] + s * Phi[e, 2, j]
             for j in range(m):
-                H_c[e, a, j] = p * zeta[e, 0, j] + q * zeta[e, 1, j] + s * zeta[e, 2, j]
+                H[e, a, 6 + j] = p * zeta[e, 0, j] + q * zeta[e, 1, j] + s * zeta[e, 2, j]
             # D L G with the Sun's gravity gradient G = g (3 r r^T / r^2 - I)
             along = 3.0 * (p * x + q * y + s * z) * per_r2
             for i in range(3):

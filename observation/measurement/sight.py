@@ -4,15 +4,16 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from nebosvod.borders.quantities import bordered
 from nebosvod.errors import InputError
 from nebosvod.observation.contracts import Array, Ephemeris, Trajectory
 from nebosvod.observation.measurement import rows
+from nebosvod.observation.measurement.exposures import Exposures, own, reception_times
 from nebosvod.observation.spacecraft.kinds import Spacecraft
 
 LIGHT_TIME_TOLERANCE_S = 1e-9
+NEAR_S = 0.1  # a light time this close is corrected along the velocity
 MAX_ITERATIONS = 10
 
 
@@ -54,21 +55,13 @@ class Sight:
 
 
 @bordered()
-def sight(
-    trajectory: Trajectory,
-    spacecraft: Spacecraft,
-    t_s: Array,
-    ephemeris: Ephemeris,
-    emitted: Callable[[Array], Array] | None = None,
-) -> Sight:
+def sight(trajectory: Trajectory, spacecraft: Spacecraft, t_s: Array, ephemeris: Ephemeris) -> Sight:
     """Solve the light time from `trajectory` to `spacecraft` for receptions at `t_s`.
 
     Parameters
     ----------
     trajectory : heliocentric; must reach back the light time before the first reception.
     t_s : shape (n,), TDB seconds after `trajectory.epoch`.
-    emitted : gives the trajectory's states (n, 6) at emission times, `trajectory.state_at` by default; for a caller
-        that keeps more of the last call than the states.
 
     Raises
     ------
@@ -80,25 +73,63 @@ def sight(
 
     Notes
     -----
-    rho = r_target(t - tau) - r_telescope(t) with both vectors BARYCENTRIC, c tau = |rho|. Newton: with V the target's
-    velocity, tau -> tau + (|rho| - c tau) / (c + u.V). The first step, from tau = 0, adds the fall towards the Sun, so
-    that the second evaluation of the trajectory usually confirms the light time.
+    As `lines_of_sight`.
     """
     t_s = reception_times(t_s)
-    epoch, emitted = trajectory.epoch, emitted or trajectory.state_at
-    telescope = _own(spacecraft.state_km_km_s(ephemeris, epoch, t_s))
-    tau, step, distance, light_time = np.empty((4, t_s.size))
-    target, u, psi = np.empty((t_s.size, 6)), np.empty((t_s.size, 3)), np.empty((t_s.size, 2))
-    heliocentric, sun = _own(trajectory.state_at(t_s)), _own(ephemeris.state_km_km_s("sun", epoch, t_s))
-    rows.first_light_times(ephemeris.gm_km3_s2["sun"], heliocentric, sun, telescope, tau)
+    observer = spacecraft.state_km_km_s(ephemeris, trajectory.epoch, t_s)
+    exposures = Exposures.at(trajectory.epoch, t_s, observer, ephemeris)
+    return lines_of_sight(trajectory, exposures)
+
+
+def lines_of_sight(
+    trajectory: Trajectory,
+    exposures: Exposures,
+    *,
+    near: Array | None = None,
+    emitted: Callable[[Array], Array] | None = None,
+) -> Sight:
+    """Solve the light time of every exposure: the only place where that is done.
+
+    Parameters
+    ----------
+    exposures : counted from `trajectory.epoch`.
+    near : light times (n,) of a near orbit, such as those of the last iteration.
+    emitted : gives the trajectory's states (n, 6) at emission times, `trajectory.state_at` by default; for a caller
+        that keeps more of the last call than the states.
+
+    Raises
+    ------
+    InputError, CoverageError
+        As `sight`.
+
+    Notes
+    -----
+    rho = r_target(t - tau) - r_telescope(t) with both vectors BARYCENTRIC, c tau = |rho|. Newton: with V the target's
+    velocity, tau -> tau + (|rho| - c tau) / (c + u.V). The first step, from tau = 0, adds the fall towards the Sun, so
+    that one evaluation of the trajectory usually confirms the light time. A light time that is off by less than 0.1 s
+    is corrected along the velocity: even a fall of 10 m/s^2 close to the Earth then adds 5 cm. The Sun is carried from
+    reception to emission by its velocity and acceleration.
+    """
+    emitted = emitted or trajectory.state_at
+    n = len(exposures)
+    distance, light_time = np.empty((2, n))
+    target, u, psi = np.empty((n, 6)), np.empty((n, 3)), np.empty((n, 2))
+    if near is None:
+        tau = np.empty(n)
+        heliocentric = own(trajectory.state_at(exposures.t_s))
+        rows.first_light_times(exposures.gm_sun_km3_s2, heliocentric, exposures.sun, exposures.observer, tau)
+    else:
+        tau = near.copy()
     for _ in range(MAX_ITERATIONS):
-        emission = t_s - tau
-        heliocentric, sun = _own(emitted(emission)), _own(ephemeris.state_km_km_s("sun", epoch, emission))
-        largest = rows.lines_of_sight(tau, heliocentric, sun, telescope, step, target, u, distance, light_time, psi)
-        if largest <= LIGHT_TIME_TOLERANCE_S:
+        heliocentric = own(emitted(exposures.t_s - tau))
+        largest = rows.lines_of_sight(
+            tau, heliocentric, exposures.sun, exposures.sun_pull, exposures.observer, NEAR_S, LIGHT_TIME_TOLERANCE_S,
+            target, u, distance, light_time, psi,
+        )  # fmt: skip
+        if largest == 0.0:
             return Sight(
-                t_s=t_s,
-                telescope_state=telescope,
+                t_s=exposures.t_s,
+                telescope_state=exposures.observer,
                 target_state=target,
                 heliocentric_state=heliocentric,
                 u=u,
@@ -106,28 +137,8 @@ def sight(
                 light_time_s=light_time,
                 psi=psi,
             )
-        tau += step
+    worst = int(np.argmax(np.abs(tau - light_time)))
     raise InputError(
         f"sight: light time did not settle to {LIGHT_TIME_TOLERANCE_S} s in {MAX_ITERATIONS} iterations "
-        f"(last step {np.max(np.abs(step)):.3g} s at t = {t_s[np.argmax(np.abs(step))]:.3f} s); "
-        "is the target's state in km and km/s?"
+        f"(last step {largest:.3g} s at t = {exposures.t_s[worst]:.3f} s); is the target's state in km and km/s?"
     )
-
-
-def reception_times(t_s: npt.ArrayLike) -> Array:
-    """A copy of the times as a contiguous vector (n,).
-
-    Raises
-    ------
-    InputError
-        If they are no vector, empty, or not finite.
-    """
-    times = np.array(t_s, dtype=np.float64)
-    if times.ndim != 1 or times.size == 0 or not np.all(np.isfinite(times)):
-        raise InputError(f"sight: reception times must be a non-empty vector of finite numbers (shape {times.shape})")
-    return times
-
-
-def _own(states: Array) -> Array:
-    """States as the compiled loops want them, C-contiguous and writable: copied only if they are not."""
-    return np.require(states, dtype=np.float64, requirements=("C", "W"))

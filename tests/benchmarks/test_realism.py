@@ -10,8 +10,9 @@ import numpy.typing as npt
 import pytest
 
 from nebosvod.dynamics import Ephemeris, ForceModel, propagate
+from nebosvod.observation.measurement.astrometry import compute
 from nebosvod.observation.measurement.direction import offset
-from nebosvod.observation.measurement.exposures import Sky, look
+from nebosvod.observation.measurement.exposures import Sky
 from nebosvod.timescale import Epoch
 
 Array = npt.NDArray[np.float64]
@@ -48,7 +49,7 @@ def distances(realism: ModuleType, bias_rad: float, assumed_rad: float, seeds: i
         observer = ephemeris.state_km_km_s("earth", EPOCH, t_s)
         R = np.tile(NOISE**2 * np.eye(2), (t_s.size, 1, 1))
         empty = Sky.of(EPOCH, t_s, np.zeros((t_s.size, 2)), R, observer, ephemeris)
-        truth = look(propagate(STATE, EPOCH, empty.span_s, forces), empty).psi
+        truth = compute(propagate(STATE, EPOCH, empty.span_s, forces), empty.exposures).psi
         drawn = {(code, k): bias_rad * rng.standard_normal(2) for code in STATIONS for k in range(6)}
         error = np.array([drawn[key] for key in zip(station.tolist(), apparition.tolist())])
         observed = offset(truth, error + NOISE * rng.standard_normal((t_s.size, 2)))
@@ -87,7 +88,7 @@ def test_a_constant_bias_of_all_stations_is_its_share_of_the_mean(realism: Modul
     forces = ForceModel(ephemeris=ephemeris)
     R = np.tile(NOISE**2 * np.eye(2), (n, 1, 1))
     sky = Sky.of(EPOCH, t_s, np.zeros((n, 2)), R, ephemeris.state_km_km_s("earth", EPOCH, t_s), ephemeris)
-    seen = look(propagate(STATE, EPOCH, sky.span_s, forces), sky)
+    seen = compute(propagate(STATE, EPOCH, sky.span_s, forces), sky.exposures)
     arc = realism.Arc(
         sky=sky, station=np.tile(STATIONS, 20), apparition=np.zeros(n, dtype=int), state=STATE, forces=forces
     )

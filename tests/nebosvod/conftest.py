@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from nebosvod.cli import main
-from nebosvod.engine.assembly import nominal_point, view
+from nebosvod.engine.assembly import nominal_view
 from nebosvod.mission import Mission, load_mission
 from nebosvod.pipeline import run
 from nebosvod.results.result import Result
@@ -43,7 +43,7 @@ predictions:
 def setting_of(mission: Mission) -> Setting:
     """Scene, priors and the nominal point of a mission."""
     scene = build_scene(mission)
-    return scene, prior_table(mission, scene.forces, scene.state), view(scene, nominal_point(scene))
+    return scene, prior_table(mission, scene.forces, scene.state), nominal_view(scene)
 
 
 @pytest.fixture(scope="session")

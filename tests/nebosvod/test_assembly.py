@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nebosvod.engine.assembly import nuisance_treatment, view
+from nebosvod.engine.assembly import nominal_view, nuisance_treatment
 from nebosvod.mission import Mission, load_mission_text
 from nebosvod.observation import merge, observe
 from nebosvod.scene.point import View
@@ -21,7 +21,8 @@ ROOT = Path(__file__).resolve().parents[2]
 
 def test_rows_are_those_of_the_telescopes_joined_by_time(minimal_setting: Setting) -> None:
     scene, _, nominal = minimal_setting
-    each = [observe(scene.trajectory, t, scene.exposures_s(i), scene.ephemeris) for i, t in enumerate(scene.telescopes)]
+    seen = [(t, v.t_s[v.visible]) for t, v in zip(scene.telescopes, scene.visibilities)]
+    each = [observe(scene.trajectory, telescope, t_s, scene.ephemeris) for telescope, t_s in seen]
     joined = merge(each)
     for name in ("t_s", "telescope_index", "psi", "H_x0", "H_c", "noise", "Phi_emission"):
         one, other = getattr(joined, name), getattr(nominal.observation, name)
@@ -31,7 +32,7 @@ def test_rows_are_those_of_the_telescopes_joined_by_time(minimal_setting: Settin
 
 def test_a_view_that_does_not_simulate_differs_in_nothing_an_estimator_sees(minimal_setting: Setting) -> None:
     scene, _, nominal = minimal_setting
-    light = view(scene, nominal.point, simulates=False)
+    light = nominal_view(scene, simulates=False)
     assert light.observation.Phi_emission.shape[0] == 0
     for name in ("psi", "H_x0", "H_c", "H_z", "rate", "noise"):
         assert np.array_equal(getattr(light.observation, name), getattr(nominal.observation, name)), name
@@ -65,7 +66,7 @@ def test_overrides_reach_every_source_by_group_by_telescope_and_by_name(
 
 MILLION = """
 import resource
-from nebosvod.engine.assembly import computed_psi, linear_problem, nominal_point, view
+from nebosvod.engine.assembly import computed_psi, linear_problem, nominal_view
 from nebosvod.estimation.solvers import batch
 from nebosvod.mission import load_mission, load_mission_text
 from nebosvod.scene.prior import prior_table
@@ -75,9 +76,8 @@ text = load_mission("apophis-2029").text.replace("cadence: 12 h", "cadence: 24.8
 mission = load_mission_text(text.replace("limiting_magnitude: 22", "limiting_magnitude: 40"))
 scene = build_scene(mission)
 priors = prior_table(mission, scene.forces, scene.state)
-point = nominal_point(scene)
-seen = view(scene, point, simulates=False)
-problem = linear_problem(scene, mission.estimators[0], seen, computed_psi(seen), priors, about=point)
+seen = nominal_view(scene, simulates=False)
+problem = linear_problem(scene, mission.estimators[0], seen, computed_psi(seen), priors, about=seen.point)
 estimate = batch.solve(problem, way="qr")
 print(seen.observation.t_s.size, str(estimate.status), resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024)
 """

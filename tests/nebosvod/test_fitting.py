@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from nebosvod.engine.assembly import nominal_point, view
+from nebosvod.engine.assembly import nominal_view, view
 from nebosvod.engine.fitting import Fit, fit
 from nebosvod.engine.truth import draw
 from nebosvod.mission import load_mission_text
@@ -47,7 +47,7 @@ def fits(minimal_text: str) -> dict[str, Fit]:
     mission = load_mission_text(minimal_text.replace("predictions:", METHODS + "predictions:"))
     scene = build_scene(mission)
     priors = prior_table(mission, scene.forces, scene.state)
-    nominal, psi = view(scene, nominal_point(scene)), draw(scene, priors, np.random.default_rng(1)).psi
+    nominal, psi = nominal_view(scene), draw(scene, priors, np.random.default_rng(1)).psi
     return {one.name: fit(scene, one, nominal, psi, priors) for one in mission.estimators}
 
 

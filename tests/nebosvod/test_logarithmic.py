@@ -8,7 +8,7 @@ import pytest
 
 from nebosvod.commands.check_answer import describe
 from nebosvod.dynamics import propagate
-from nebosvod.engine.assembly import nominal_point, view
+from nebosvod.engine.assembly import nominal_view
 from nebosvod.engine.fitting import fit
 from nebosvod.engine.montecarlo import consistency, repeat
 from nebosvod.engine.truth import draw
@@ -141,7 +141,7 @@ def test_estimates_follow_a_truth_that_is_far_off_and_stay_positive(light: str) 
     """kappa, known to a factor of 2.5 beforehand, is narrowed at least fivefold."""
     _, scene = forces_of(light)
     priors = prior_table(scene.mission, scene.forces, scene.state)
-    nominal = view(scene, nominal_point(scene))
+    nominal = nominal_view(scene)
     gains = []
     for seed in range(6):
         truth = draw(scene, priors, np.random.default_rng(seed))

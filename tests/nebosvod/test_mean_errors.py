@@ -9,7 +9,7 @@ import numpy.typing as npt
 import pytest
 
 from nebosvod.cli import main
-from nebosvod.engine.assembly import nominal_point, view
+from nebosvod.engine.assembly import nominal_view
 from nebosvod.engine.fitting import fit
 from nebosvod.engine.truth import draw
 from nebosvod.mission import Mission, load_mission, load_mission_text
@@ -83,7 +83,7 @@ def test_the_shift_is_the_gain_of_dense_normal_equations_times_the_mean(minimal:
     scene = build_scene(mission)
     priors = prior_table(mission, scene.forces, scene.state)
     psi = draw(scene, priors, np.random.default_rng(1)).psi
-    found = fit(scene, mission.estimators[0], view(scene, nominal_point(scene)), psi, priors)
+    found = fit(scene, mission.estimators[0], nominal_view(scene), psi, priors)
     problem = found.problem
     n = problem.n
     noise = np.array(np.broadcast_to(problem.R, (n, 2, 2)))

@@ -11,7 +11,7 @@ import pytest
 
 import nebosvod
 from nebosvod.cli import main
-from nebosvod.engine.assembly import computed_psi, linear_problem, nominal_point, view
+from nebosvod.engine.assembly import computed_psi, linear_problem, nominal_view
 from nebosvod.engine.evaluation import quantity
 from nebosvod.engine.fitting import SOLVERS
 from nebosvod.errors import GeometryError, InputError
@@ -58,7 +58,7 @@ def with_visits(text: str, visits: list[tuple[str, str]], more: str = "") -> Mis
 def solved_from_scratch(mission: Mission) -> tuple[float, float]:
     """(root trace, geometric mean of the semi-axes) of the prediction, by the whole chain."""
     scene = build_scene(mission)
-    nominal = view(scene, nominal_point(scene))
+    nominal = nominal_view(scene)
     priors = prior_table(mission, scene.forces, scene.state)
     problem = linear_problem(scene, mission.estimators[0], nominal, computed_psi(nominal), priors, about=nominal.point)
     estimate: Estimate = SOLVERS[mission.estimators[0].method](problem)

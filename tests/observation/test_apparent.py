@@ -58,6 +58,8 @@ def far(ephemeris):
             return ephemeris.position_km(body, epoch, np.zeros(t_s.size))
 
         def state_km_km_s(self, body, epoch, t_s):
-            return ephemeris.state_km_km_s(body, epoch, np.zeros(t_s.size))
+            state = ephemeris.state_km_km_s(body, epoch, np.zeros(t_s.size))
+            state[:, 3:] = 0.0
+            return state
 
     return Resting()

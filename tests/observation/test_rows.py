@@ -16,9 +16,11 @@ from nebosvod.observation import (
     Telescope,
     merge,
     observe,
-    sight,
 )
 from nebosvod.observation.measurement import astrometry, rows
+from nebosvod.observation.measurement.astrometry import compute
+from nebosvod.observation.measurement.exposures import Exposures
+from nebosvod.observation.measurement.sight import lines_of_sight
 
 T_S = np.linspace(0.5, 60.0, 40) * 86400.0
 PARTIALS = ("H_x", "H_x0", "H_z", "H_c", "rate", "noise", "Phi_emission", "zeta_emission")
@@ -174,11 +176,12 @@ def test_merging_moves_every_row_of_every_field(flight, telescope, ephemeris):
 def test_one_state_that_is_no_number_keeps_all_light_times_from_settling():
     heliocentric = np.full((3, 6), 1e8)
     heliocentric[0] = np.nan
-    buffers = [np.empty(shape) for shape in (3, (3, 6), (3, 3), 3, 3, (3, 2))]
-    assert np.isnan(rows.lines_of_sight(np.zeros(3), heliocentric, np.zeros((3, 6)), np.zeros((3, 6)), *buffers))
+    still = [np.zeros((3, 6)), np.zeros((3, 3)), np.zeros((3, 6))]
+    buffers = [np.empty(shape) for shape in ((3, 6), (3, 3), 3, 3, (3, 2))]
+    assert np.isnan(rows.lines_of_sight(np.zeros(3), heliocentric, *still, 0.1, 1e-9, *buffers))
 
 
-def test_the_first_light_time_is_confirmed_by_one_evaluation(flight, telescope, ephemeris):
+def test_the_first_light_time_is_confirmed_by_one_evaluation(flight, telescope, ephemeris, epoch):
     """The Sun's pull in the first step is worth it: without, every epoch is evaluated once more."""
     calls = []
 
@@ -186,5 +189,15 @@ def test_the_first_light_time_is_confirmed_by_one_evaluation(flight, telescope, 
         calls.append(t_s.size)
         return flight.state_at(t_s)
 
-    sight(flight, telescope.spacecraft, T_S, ephemeris, emitted)
+    lines_of_sight(flight, Exposures.of(epoch, [(telescope, T_S)], ephemeris), emitted=emitted)
     assert calls == [T_S.size]
+
+
+def test_exposures_of_several_telescopes_are_those_of_each_joined(flight, telescope, ephemeris, epoch):
+    other = Telescope(name="B", spacecraft=Geostationary(longitude_rad=1.0), sigma_rad=1e-6)
+    both = compute(flight, Exposures.of(epoch, [(telescope, T_S), (other, T_S[::3])], ephemeris))
+    joined = merge([observe(flight, telescope, T_S, ephemeris), observe(flight, other, T_S[::3], ephemeris)])
+    np.testing.assert_array_equal(both.telescope_index, joined.telescope_index)
+    for name in astrometry.ROW_FIELDS:
+        close(getattr(both, name), getattr(joined, name), name)
+    np.testing.assert_array_equal(joined.select(joined.rows(["B"])).psi, both.psi[both.rows(["B"])])

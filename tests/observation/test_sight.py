@@ -78,8 +78,9 @@ def test_a_target_about_as_fast_as_light_is_refused(two_body, ephemeris, support
     class Racing(support.TwoBody):  # type: ignore[name-defined]
         @property
         def state(self):
-            r = np.stack([1e8 + 2e5 * np.sin(self.t_s), 0 * self.t_s, 0 * self.t_s], axis=1)
-            return np.concatenate([r, np.zeros_like(r)], axis=1)
+            still = 0.0 * self.t_s
+            x, vx = 1e8 + 4e5 * np.sin(self.t_s), 4e5 * np.cos(self.t_s)
+            return np.stack([x, still, still, vx, still, still], axis=1)
 
     racing = Racing(epoch=two_body.epoch, start=two_body.start)
     with pytest.raises(InputError, match=r"km and km/s"):

@@ -18,8 +18,9 @@ from nebosvod.fits.orbit import orbit_at
 from nebosvod.mission import FitMission
 from nebosvod.mission.fit import NIGHT_LIMIT
 from nebosvod.observation.formats.reading import read_astrometry
+from nebosvod.observation.measurement.astrometry import compute
 from nebosvod.observation.measurement.direction import offset
-from nebosvod.observation.measurement.exposures import Sky, look
+from nebosvod.observation.measurement.exposures import Sky
 from nebosvod.observation.reduction import weights
 from nebosvod.observation.reduction.observers import telescopes
 from nebosvod.timescale import Epoch
@@ -76,7 +77,7 @@ def make(ephemeris, folder, seed, state, groups, forces=None):
     places[:, :3] += late[:, None] * places[:, 3:]
     trajectory = propagate(state, EPOCH, [t_s.min(), t_s.max()], forces or ForceModel(ephemeris=ephemeris))
     unit = np.tile(ARCSEC**2 * np.eye(2), (len(t_s), 1, 1))
-    psi = look(trajectory, Sky.of(EPOCH, t_s, np.zeros((len(t_s), 2)), unit, places, ephemeris)).psi
+    psi = compute(trajectory, Sky.of(EPOCH, t_s, np.zeros((len(t_s), 2)), unit, places, ephemeris).exposures).psi
     error = rng.standard_normal((len(t_s), 2)) * np.array([one.sigma for _, one in pairs])[:, None]
     error += np.array([(0.0, 0.0) if one.error is None else one.error(day) for day, one in pairs])
     for row, (ra, dec) in zip(rows, offset(psi, ARCSEC * error).tolist()):

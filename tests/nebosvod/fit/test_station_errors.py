@@ -20,8 +20,9 @@ from nebosvod.fits.engine import fit_object
 from nebosvod.mission import load_fit
 from nebosvod.observation import read_spk
 from nebosvod.observation.formats.reading import read_astrometry
+from nebosvod.observation.measurement.astrometry import compute
 from nebosvod.observation.measurement.direction import offset, residual
-from nebosvod.observation.measurement.exposures import Sky, look
+from nebosvod.observation.measurement.exposures import Sky
 from nebosvod.observation.reduction.observers import telescopes
 from nebosvod.observation.spacecraft.kinds import turn_about_ecliptic_pole
 from nebosvod.results.fit_summary import summarise
@@ -68,7 +69,7 @@ def seen_from(ephemeris, t_s, places):
     """Directions (n, 2) of the object from barycentric states (n, 6)."""
     trajectory = propagate(STATE, EPOCH, [t_s.min(), t_s.max()], ForceModel(ephemeris=ephemeris))
     R = np.tile((SIGMA * ARCSEC) ** 2 * np.eye(2), (len(t_s), 1, 1))
-    return look(trajectory, Sky.of(EPOCH, t_s, np.zeros((len(t_s), 2)), R, places, ephemeris)).psi
+    return compute(trajectory, Sky.of(EPOCH, t_s, np.zeros((len(t_s), 2)), R, places, ephemeris).exposures).psi
 
 
 def make_world(ephemeris, folder, spk, station):

@@ -23,14 +23,14 @@ from nebosvod.fits.answer import answer
 from nebosvod.fits.engine import fit_object
 from nebosvod.mission import load_fit
 from nebosvod.observation.formats.reading import read_astrometry
+from nebosvod.observation.measurement.astrometry import compute
 from nebosvod.observation.measurement.direction import offset
-from nebosvod.observation.measurement.exposures import Sky, look
+from nebosvod.observation.measurement.exposures import Sky
 from nebosvod.observation.reduction.observers import telescopes
 from nebosvod.results.fit_summary import summarise
 from nebosvod.results.fit_tables import all_arrays
 from nebosvod.scene.material import gather
 from nebosvod.scene.prior import STATE_NAMES
-from nebosvod.scene.recorded import view_of
 from nebosvod.timescale import Epoch
 
 ARCSEC = np.pi / 648000.0
@@ -134,10 +134,10 @@ def world(ephemeris, tmp_path_factory):
     R = np.tile((SIGMA * ARCSEC) ** 2 * np.eye(2), (len(records), 1, 1))
     forces = ForceModel(ephemeris=ephemeris)
     trajectory = propagate(STATE, EPOCH, [t_s.min(), t_s.max()], forces)
-    seen = look(trajectory, Sky.of(EPOCH, t_s, records.psi, R, observers.state_km_km_s, ephemeris))
+    seen = compute(trajectory, Sky.of(EPOCH, t_s, records.psi, R, observers.state_km_km_s, ephemeris).exposures)
     noise = SIGMA * rng.standard_normal((len(rows), 2))
     return SimpleNamespace(
-        rows=rows, records=records, observers=observers, t_s=t_s, psi=seen.psi, H_z=seen.lines["H_z"], noise=noise,
+        rows=rows, records=records, observers=observers, t_s=t_s, psi=seen.psi, H_z=seen.H_z, noise=noise,
         space=records.station == SPACE, ephemeris=ephemeris,
     )  # fmt: skip
 
@@ -389,12 +389,11 @@ def test_large_errors_drawn_anew_reject_nobody(fit, world):
 def test_zones_are_those_of_the_observed_directions(fit):
     """An orbit that is a tenth of a radian off must see the same zones."""
     one = fit("{stations: all, bias: {sigma: 0.1 arcsec, correlation: per_zone, zone: 3 deg, treatment: estimated}}")
-    general = one.found.general
-    rows = np.arange(len(one.found.material))
-    elsewhere = replace(general.seen, psi=general.seen.psi + 0.1)
+    scene, seen = one.found.general.scene, one.found.general.fit.observation
+    elsewhere = replace(seen, psi=seen.psi + 0.1)
     here, there = (
-        view_of(general.scene, general.fit.point, one.found.material, general.fit.trajectory, seen, rows).terms
-        for seen in (general.seen, elsewhere)
+        [nuisance.term(observation, scene.ephemeris) for nuisance in scene.nuisances]
+        for observation in (seen, elsewhere)
     )
     assert [term.names for term in here] == [term.names for term in there]
     for a, b in zip(here, there):

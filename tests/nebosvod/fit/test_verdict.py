@@ -22,8 +22,9 @@ from nebosvod.fits.engine import fit_object
 from nebosvod.fits.general import estimate
 from nebosvod.mission import load_fit
 from nebosvod.observation.formats.reading import read_astrometry
+from nebosvod.observation.measurement.astrometry import compute
 from nebosvod.observation.measurement.direction import offset
-from nebosvod.observation.measurement.exposures import Sky, look
+from nebosvod.observation.measurement.exposures import Sky
 from nebosvod.observation.reduction.observers import telescopes
 from nebosvod.results.fit_tables import all_arrays, residuals
 from nebosvod.scene.material import gather, prepare
@@ -63,7 +64,7 @@ def made(ephemeris, tmp_path):
         observers = telescopes(records, ephemeris).state_km_km_s
         trajectory = propagate(state, EPOCH, [t_s.min(), t_s.max()], ForceModel(ephemeris=ephemeris))
         R = np.tile(ARCSEC**2 * np.eye(2), (n, 1, 1))
-        seen = look(trajectory, Sky.of(EPOCH, t_s, records.psi, R, observers, ephemeris))
+        seen = compute(trajectory, Sky.of(EPOCH, t_s, records.psi, R, observers, ephemeris).exposures)
         noise = NOISE * np.random.default_rng(5).standard_normal((n, 2))
         path.write_text(psv(times, offset(seen.psi, ARCSEC * (noise + error)), rms), "utf-8")
         place, speed = (", ".join(f"{x!r} {u}" for x in v) for v, u in
@@ -239,7 +240,7 @@ def test_sigmas_of_the_table_hold_clock_and_stated_place(fit):
     found = fit("  clock: 20 s\n")
     said = answer(found)
     seen, arrays, table = found.general.seen, all_arrays(said), residuals(said)
-    t, rate = found.material.timing_sigma_s, found.general.seen.rate / ARCSEC
+    t, rate = found.material.exposures.timing_sigma_s, found.general.seen.rate / ARCSEC
     expected = np.sqrt(NOISE**2 + (t[:, None] * rate) ** 2)
     assert np.any(expected > 1.5 * NOISE)
     np.testing.assert_allclose(table.columns["sigma_ra"], expected[:, 0], rtol=1e-12)
@@ -250,8 +251,8 @@ def test_sigmas_of_the_table_hold_clock_and_stated_place(fit):
     place = np.full((30, 3, 3), np.nan)
     place[7] = np.diag([9.0, 4.0, 1.0])
     stated = replace(found.material, astrometry=replace(found.material.astrometry, position_covariance_km2=place))
-    more = stated.total_noise(seen) - stated.noise(seen)
-    H = seen.lines["H_z"][7]
+    more = stated.total_noise(seen) - stated.exposures.noise(seen.rate)
+    H = seen.H_z[7]
     np.testing.assert_allclose(more[7], H @ place[7] @ H.T, rtol=1e-6)
     assert np.flatnonzero(more.any(axis=(1, 2))).tolist() == [7]
 

@@ -16,7 +16,8 @@ from nebosvod.mission.state import to_icrf
 from nebosvod.observation import GroundSite, Observation, Telescope, observe
 from nebosvod.observation.earth import obscodes
 from nebosvod.observation.formats.reading import read_astrometry
-from nebosvod.observation.measurement.exposures import Sky, look
+from nebosvod.observation.measurement.astrometry import compute
+from nebosvod.observation.measurement.exposures import Sky
 from nebosvod.observation.reduction.observers import telescopes
 from nebosvod.timescale import SECONDS_PER_DAY, Epoch
 from nebosvod.units import AU_KM, DEG
@@ -38,7 +39,7 @@ def partials(data: Path, long_ephemeris: Ephemeris, heliocentric: Callable[..., 
     places = telescopes(records, long_ephemeris).state_km_km_s
     R = np.tile(ARCSEC**2 * np.eye(2), (len(records), 1, 1))
     sky = Sky.of(epoch, records.t_s + (records.epoch - epoch), records.psi, R, places, long_ephemeris)
-    seen = look(propagate(state, epoch, sky.span_s, ForceModel(ephemeris=long_ephemeris)), sky)
+    seen = compute(propagate(state, epoch, sky.span_s, ForceModel(ephemeris=long_ephemeris)), sky.exposures)
     jd = records.epoch.day + (records.epoch.fraction + records.t_s / SECONDS_PER_DAY)
     ours, theirs, mine, said = [], [], [], []
     for line in (data / "observations" / "resids_v15.txt").read_text().splitlines()[1:]:
@@ -49,7 +50,7 @@ def partials(data: Path, long_ephemeris: Ephemeris, heliocentric: Callable[..., 
         numbers = np.array(row[2:16], dtype=float)
         ours.append(seen.H[rows[0]] * UNITS)
         theirs.append(np.stack([numbers[2::2], numbers[3::2]]))
-        mine.append(seen.residual[rows[0]] / ARCSEC)
+        mine.append(sky.residual(seen.psi)[rows[0]] / ARCSEC)
         said.append(numbers[:2])
     return np.array(ours), np.array(theirs), np.array(mine), np.array(said)
 

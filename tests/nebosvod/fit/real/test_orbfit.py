@@ -30,8 +30,9 @@ from nebosvod.observation.earth import obscodes
 from nebosvod.observation.earth.sites import GroundSite
 from nebosvod.observation.formats import mpc80
 from nebosvod.observation.formats.source_file import SourceFile
+from nebosvod.observation.measurement.astrometry import compute
 from nebosvod.observation.measurement.direction import offset
-from nebosvod.observation.measurement.exposures import Sky, look
+from nebosvod.observation.measurement.exposures import Sky
 from nebosvod.observation.reduction.observers import telescopes
 from nebosvod.observation.reduction.weights import weigh
 from nebosvod.timescale import Epoch
@@ -68,9 +69,9 @@ def test_410777_ends_where_orbfit_does(
     theirs = orbfit_solution(data / BULK / "410777.oel")
     sky, records = sky_of(said, theirs.epoch, ephemeris)
     forces = ForceModel(ephemeris=ephemeris)
-    seen = look(propagate(theirs.state, theirs.epoch, sky.span_s, forces), sky)
+    seen = compute(propagate(theirs.state, theirs.epoch, sky.span_s, forces), sky.exposures)
     elsewhere = records.station != "J95"
-    difference = seen.residual / ARCSEC - said.residual
+    difference = sky.residual(seen.psi) / ARCSEC - said.residual
     assert rms(difference[elsewhere]) < 0.008  # the file has three decimals, its times five
     assert rms(difference) < 0.02
     found = correct(sky, theirs.state, forces, selected=said.selected)
@@ -104,7 +105,7 @@ def test_residuals_of_each_station_have_the_rms_that_orbfit_found(
     sky, records = sky_of(said, theirs.epoch, long_ephemeris)
     start = np.append(theirs.state, theirs.a2_au_d2)
     found = correct(sky, start, apollo_forces(long_ephemeris, start[6]), selected=said.selected)
-    ours, pairs = found.seen.residual / ARCSEC, []
+    ours, pairs = found.residual / ARCSEC, []
     # those of 1930 and 1932 hang on the masses of asteroids, see above
     since = np.array([text > "1973" for text in records.utc.tolist()])
     for code in records.stations:
@@ -149,7 +150,7 @@ def apollo_forces(ephemeris: Ephemeris, a2_au_d2: float) -> ForceModel:
 def test_apollo_leaves_the_residuals_of_orbfit(apollo: Any, long_ephemeris: Ephemeris) -> None:
     said, theirs, sky, year = apollo
     trajectory = propagate(theirs.state, theirs.epoch, sky.span_s, apollo_forces(long_ephemeris, theirs.a2_au_d2))
-    difference = look(trajectory, sky).residual / ARCSEC - said.residual
+    difference = sky.residual(compute(trajectory, sky.exposures).psi) / ARCSEC - said.residual
     since_1990, before_1933 = said.selected & (year >= 1990), said.selected & (year < 1933)
     assert rms(difference[since_1990]) < 0.007
     assert np.abs(difference[said.selected & (year == 1973)]).max() < 0.03
@@ -183,8 +184,8 @@ def test_apollo_before_venus_depends_on_the_mass_of_europa(apollo: Any, long_eph
         nongrav=Nongrav(a2_au_d2=theirs.a2_au_d2),
         excluded=("europa",),
     )
-    seen = look(propagate(theirs.state, theirs.epoch, sky.span_s, forces), sky)
-    difference = seen.residual / ARCSEC - said.residual
+    seen = compute(propagate(theirs.state, theirs.epoch, sky.span_s, forces), sky.exposures)
+    difference = sky.residual(seen.psi) / ARCSEC - said.residual
     assert rms(difference[said.selected & (year < 1933)]) < 2.0
 
 
