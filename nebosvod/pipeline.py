@@ -35,7 +35,7 @@ from nebosvod.results.result import Result
 from nebosvod.scene.material import gather, one_object
 from nebosvod.scene.point import View
 from nebosvod.scene.prior import PriorTable, prior_table
-from nebosvod.scene.scene import Scene, build_scene
+from nebosvod.scene.scene import PlannedScene, build_scene
 
 Array = npt.NDArray[np.float64]
 Say = Callable[[str], None]
@@ -86,7 +86,7 @@ def run(mission: Mission, seed: int = 0, progress: Callable[[str], None] | None 
     )
 
 
-def judged(scene: Scene, found: Fit) -> Fit:
+def judged(scene: PlannedScene, found: Fit) -> Fit:
     """The fit, called not observable where its sigmas say that nobody knows how far the object is."""
     far = unknown_distance(scene, found)
     if not far or found.status is Status.NOT_OBSERVABLE:
@@ -96,7 +96,7 @@ def judged(scene: Scene, found: Fit) -> Fit:
 
 
 def _samples(
-    scene: Scene, nominal: View, priors: PriorTable, fits: list[Fit], seed: int, say: Callable[[str], None]
+    scene: PlannedScene, nominal: View, priors: PriorTable, fits: list[Fit], seed: int, say: Callable[[str], None]
 ) -> dict[str, Sample]:
     """Errors of repeated estimation by estimator, as many runs as the mission asks for; empty if it asks for none."""
     plan = scene.mission.monte_carlo

@@ -4,6 +4,19 @@ from nebosvod.mission import Bias, Mission, Photocentre, Position, Source, Teles
 from nebosvod.units import ARCSEC, DEG
 
 
+def answer(mission: Mission) -> tuple[str, tuple[str, ...]]:
+    """What `nebosvod check` says of a mission; the files it names are opened: a damaged one is told here."""
+    if mission.ephemeris_path is not None:
+        from nebosvod.scene.scene import load_ephemeris, require_epochs
+
+        require_epochs(mission, load_ephemeris(mission))
+    if any(getattr(telescope.orbit, "file", None) for telescope in mission.telescopes):
+        from nebosvod.scene.instruments import telescopes
+
+        telescopes(mission)
+    return describe(mission), ()
+
+
 def describe(mission: Mission) -> str:
     """The mission as understood: object, telescopes, schedule, estimators, predictions, cost."""
     lines = [

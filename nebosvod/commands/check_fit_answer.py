@@ -13,6 +13,16 @@ TREATED = {
 }
 
 
+def answer(mission: FitMission) -> tuple[str, tuple[str, ...]]:
+    """What `nebosvod check` says of a fit, and notices; the files it names are opened: a damaged one is told here."""
+    from nebosvod.scene.material import looked_at
+    from nebosvod.scene.scene import load_ephemeris, require_epochs
+
+    require_epochs(mission, ephemeris := load_ephemeris(mission))
+    records = looked_at(mission, ephemeris)
+    return describe_fit(mission, records), records.notices
+
+
 def describe_fit(mission: FitMission, records: Astrometry) -> str:
     """The resolved file and the records it would use as lines for `nebosvod check`."""
     return "\n".join([*_lines(mission, records), "the file is valid; nothing was fitted"])
@@ -28,7 +38,7 @@ def _used(records: Astrometry) -> str:
 
 
 def _lines(mission: FitMission, records: Astrometry) -> Iterator[str]:
-    plan, given = mission.fit, mission.object.given_orbit
+    plan, given = mission.fit, mission.object.orbit
     yield f"{mission.name}: {mission.title or 'orbit fit'}"
     names = f"; {' = '.join(plan.designation)}" if plan.designation else ""
     yield f"observations     {', '.join(plan.observations)}{names}"

@@ -26,7 +26,7 @@ from nebosvod.findings.required import RequiredPosition, required
 from nebosvod.mission.reading.cost import CLONES_MOST
 from nebosvod.mission.slugs import array_name
 from nebosvod.scene.point import View
-from nebosvod.scene.scene import Scene
+from nebosvod.scene.scene import PlannedScene, Scene
 
 Array = npt.NDArray[np.float64]
 
@@ -53,7 +53,7 @@ class Findings:
 
 
 def assess(
-    scene: Scene,
+    scene: PlannedScene,
     fits: Sequence[Fit],
     foretold: Mapping[str, Foretold],
     samples: Mapping[str, Sample],
@@ -101,7 +101,7 @@ def assess(
 
 
 def _with_drawn(
-    scene: Scene, fit: Fit, asked: Sequence[Quantity], rows: Sequence[Prediction], seed: int
+    scene: PlannedScene, fit: Fit, asked: Sequence[Quantity], rows: Sequence[Prediction], seed: int
 ) -> tuple[list[Prediction], dict[str, Array]]:
     """The predictions with what orbits drawn from the error of one estimate do, propagated in full; and the points."""
     plan = scene.mission.monte_carlo

@@ -16,7 +16,7 @@ from nebosvod.estimation import LinearProblem
 from nebosvod.estimation.accuracy.budget import critical_sigma, noise_to_nuisance
 from nebosvod.mission.request import NuisanceGroup
 from nebosvod.scene.point import View
-from nebosvod.scene.scene import Scene
+from nebosvod.scene.scene import PlannedScene, Scene
 from nebosvod.units import ARCSEC
 
 Array = npt.NDArray[np.float64]
@@ -80,7 +80,7 @@ class NoiseRatio:
     by_telescope: tuple[TelescopeRatio, ...]
 
 
-def ratio(scene: Scene, problem: LinearProblem, view: View) -> tuple[NoiseRatio, dict[str, Array]]:
+def ratio(scene: PlannedScene, problem: LinearProblem, view: View) -> tuple[NoiseRatio, dict[str, Array]]:
     """The ratios with their means by telescope, and the arrays of each measurement.
 
     Parameters

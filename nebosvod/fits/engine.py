@@ -31,7 +31,7 @@ from nebosvod.observation.measurement.exposures import Sky
 from nebosvod.scene.dates import dated
 from nebosvod.scene.material import Material, prepare, require_few_steps
 from nebosvod.scene.prior import STATE_NAMES, PriorTable, prior_table
-from nebosvod.scene.scene import force_model, reference_state, require_epochs
+from nebosvod.scene.scene import force_model, require_epochs, state_at
 from nebosvod.timescale import SECONDS_PER_DAY, Epoch
 from nebosvod.units import ARCSEC
 
@@ -110,7 +110,7 @@ def fit_object(
     sky = material.sky(epoch)
     x = np.concatenate([state, lean_forces.values])
     prior = knowledge(priors, solved)
-    with nullcontext() if mission.object.given_orbit is None else asking(mission, "object", "orbit"):
+    with nullcontext() if mission.object.orbit is None else asking(mission, "object", "orbit"):
         wide = widened(resolved, material, sky, lean_forces, state)
         lean = select(wide, x, lean_forces, thresholds, selected=chosen, prior=prior, limit=mission.fit.iterations)
     weighed = material.weighed(sky, lean.correction.seen)
@@ -200,16 +200,15 @@ def _with_columns(forces: ForceModel, parameters: tuple[str, ...]) -> ForceModel
 
 def _prior_mean(mission: FitMission, resolved: FitMission, forces: ForceModel, state: Array) -> Array:
     """The state a prior orbit is about: the orbit that was given, carried to the epoch of the fit."""
-    if mission.prior == "none" or mission.object.given_orbit is None:
+    if mission.prior == "none" or mission.object.orbit is None:
         return state
     return _carried(mission, resolved.reference_epoch, forces)
 
 
 def _carried(mission: FitMission, epoch: Epoch, forces: ForceModel) -> Array:
     """The given orbit at an epoch."""
-    here = mission.standing_for(reference_epoch=epoch)
     with asking(mission, "object", "orbit"):
-        return reference_state(here, forces)
+        return state_at(mission.orbit, epoch, forces)
 
 
 def _first_orbit(
@@ -223,7 +222,7 @@ def _first_orbit(
     first, last = ephemeris.coverage(asteroids=mission.force_model.asteroids)
     epoch = min(max(material.middle, first), last)
     bare = _with_columns(force_model(mission, ephemeris), ())
-    if mission.object.given_orbit is not None:
+    if mission.object.orbit is not None:
         return epoch, _carried(mission, epoch, bare), np.ones(len(material), dtype=bool), "the orbit given"
     say("looking for a starting orbit")
     found = candidates(material.astrometry, material.observers.state_km_km_s, ephemeris)

@@ -5,7 +5,8 @@ The table of contents of this package; see docs/mission.md for the file and the 
 
 from nebosvod.borders.treatment import Treatment
 from nebosvod.mission.fit import FitMission
-from nebosvod.mission.model import SCHEMA_VERSION, CovariancePrior, Mission
+from nebosvod.mission.model import Mission
+from nebosvod.mission.question import SCHEMA_VERSION, CovariancePrior, Question
 from nebosvod.mission.reading.builtin import list_missions, template_text
 from nebosvod.mission.reading.cost import Cost, estimate_cost
 from nebosvod.mission.reading.reader import load_any, load_fit, load_mission, load_mission_text
@@ -42,6 +43,7 @@ __all__ = [
     "Photocentre",
     "Position",
     "Prior",
+    "Question",
     "Shared",
     "SigmaPrior",
     "SkyPrediction",

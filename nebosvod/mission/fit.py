@@ -22,28 +22,30 @@ from nebosvod.mission.fields import (
     line_of_text,
 )
 from nebosvod.mission.found import STATE_LABELS, FileOrbit, files_of
-from nebosvod.mission.model import DEFAULT_ESTIMATOR, CovariancePrior, Mission
 from nebosvod.mission.orbit import Frame, SbdbOrbit, StateOrbit
-from nebosvod.mission.request import Arc, Estimator, Prior, TelescopeNames, internal_covariance, scales
+from nebosvod.mission.question import DEFAULT_ESTIMATOR, SCHEMA_VERSION, CovariancePrior, PriorChoice, Question
+from nebosvod.mission.request import (
+    Estimator,
+    ForcePlan,
+    Prediction,
+    Prior,
+    ReportPlan,
+    TelescopeNames,
+    internal_covariance,
+    scales,
+)
 from nebosvod.mission.sources import KINDS, Error, Group, Source
 from nebosvod.mission.spacecraft import OemFile, Spk, Tabulated
-from nebosvod.mission.target import LOGARITHMS, Orbit, Target
-from nebosvod.mission.telescope import Telescope
+from nebosvod.mission.target import LOGARITHMS, Body, Orbit
 from nebosvod.mission.uncertainty import Bias, Position, Timing
 from nebosvod.timescale import Epoch
 
 Complaint = tuple[KeyPath, str]
-NOT_HERE = ("telescopes", "shared", "schedule", "estimators", "monte_carlo", "noise_to_nuisance", "reference_epoch")
 MAX_FILES = 1000
 NIGHT_LIMIT = 4  # that of observation.weights, which is too heavy to be loaded for it
 MAX_NAMES = 100
 J2000 = "2000-01-01T12:00:00 TDB"
 TITLES: dict[str, str] = {"bias": "bias", "position": "telescope position", "timing": "timing"}
-
-
-def _nowhere() -> StateOrbit:
-    """What stands for an orbit nobody has given: found from the observations before anything is computed from it."""
-    return _state_orbit(Epoch.parse(J2000), np.array([1.5e8, 0.0, 0.0, 0.0, 30.0, 0.0]))
 
 
 def _state_orbit(epoch: Epoch, state: Array) -> StateOrbit:
@@ -54,16 +56,11 @@ def _state_orbit(epoch: Epoch, state: Array) -> StateOrbit:
     )
 
 
-class FitObject(Target):
+class FitObject(Body):
     """The object of a fit: everything about it may be left to the observations."""
 
     name: Text = "object"
-    orbit: Orbit = Field(default_factory=_nowhere, description="A start; found from the observations when absent")
-
-    @property
-    def given_orbit(self) -> Orbit | None:
-        """The orbit somebody has given, if any."""
-        return self.orbit if "orbit" in self.model_fields_set else None
+    orbit: Orbit | None = Field(None, description="A start; found from the observations when absent")
 
 
 class StationUncertainty(Block):
@@ -247,26 +244,28 @@ def empty_interval(since: Epoch | None, until: Epoch | None) -> str:
     return f"must come after from (got to {until.iso('utc', 0)}; from {since.iso('utc', 0)}); exchange or remove them"
 
 
-class FitMission(Mission):
+class FitMission(Question):
     """One file for `nebosvod fit`, or the same made from a command line."""
 
+    kind = "fit"
+
+    schema_version: Annotated[int, Field(ge=1, le=SCHEMA_VERSION)]
+    name: Text
+    title: Text | None = None
     object: FitObject = Field(default_factory=FitObject)
-    reference_epoch: When = Field(default_factory=lambda: Epoch.parse(J2000))
-    telescopes: Several[Telescope] = ()
-    schedule: Several[Arc] = ()
-    estimators: Several[Estimator] = (DEFAULT_ESTIMATOR,)
+    prior: PriorChoice = "none"
+    predictions: Annotated[Several[Prediction], Field(max_length=1000)] = ()
+    force_model: ForcePlan = ForcePlan()
+    report: ReportPlan = ReportPlan()
     fit: FitPlan
 
     _stations: tuple[str, ...] = PrivateAttr(default=())
+    _epoch: Epoch | None = PrivateAttr(default=None)
 
     def complaints(self) -> list[Complaint]:
-        """What belongs to a simulated mission has no place here; a prior orbit must be given."""
-        found: list[Complaint] = [
-            ((key,), "belongs to a mission that is simulated; a file with fit has none")
-            for key in NOT_HERE
-            if key in self.model_fields_set and not self._stations
-        ]
-        if self.prior == "orbit" and self.object.given_orbit is None:
+        """A prior orbit must be given, and errors are those that recorded observations can have."""
+        found: list[Complaint] = []
+        if self.prior == "orbit" and self.object.orbit is None:
             found.append((("prior",), "orbit means the covariance that came with object.orbit, and there is none"))
         found += [
             (("object", parameter.key, "distribution"), "lognormal is for missions that are simulated; use normal here")
@@ -278,13 +277,22 @@ class FitMission(Mission):
             found.append((("fit", "uncertainty"), "two entries share one name; give each its own"))
         return found
 
+    @property
+    def reference_epoch(self) -> Epoch:
+        """Epoch of the state: that of the fit (`of`); J2000 stands for it until the records are read."""
+        return self._epoch if self._epoch is not None else Epoch.parse(J2000)
+
+    @property
+    def estimators(self) -> tuple[Estimator, ...]:
+        """The one estimator of a fit."""
+        return (DEFAULT_ESTIMATOR.model_copy(update={"iterations": self.fit.iterations}),)
+
     def of(self, designation: str, stations: tuple[str, ...], epoch: Epoch, state: Array) -> "FitMission":
         """The same for one object seen by these telescopes, with an orbit found: its heliocentric ICRF state (6,)."""
         orbit = _state_orbit(epoch, state)
         name = designation if "name" not in self.object.model_fields_set else self.object.name
-        found = self.object.model_copy(update={"orbit": orbit, "name": name})
-        made = self.standing_for(object=found, reference_epoch=epoch)
-        made._stations = stations
+        made = self.standing_for(object=self.object.model_copy(update={"orbit": orbit, "name": name}))
+        made._stations, made._epoch = stations, epoch
         return made
 
     @property
@@ -310,10 +318,14 @@ class FitMission(Mission):
                     )
         return tuple(found)
 
+    def carrier(self, telescope: str) -> StationOrbit | None:
+        """The trajectory given for the station of a telescope, if one is."""
+        return self.fit.spacecraft.get(plain(telescope))
+
     @property
     def given_orbits(self) -> dict[KeyPath, Orbit]:
         """The orbits the file gives, to start from and to compare with, by their places in it."""
-        start, reference = self.object.given_orbit, self.fit.reference
+        start, reference = self.object.orbit, self.fit.reference
         given: dict[KeyPath, Orbit] = {} if start is None else {("object", "orbit"): start}
         return given if reference is None else given | {("fit", "reference", "orbit"): reference.orbit}
 

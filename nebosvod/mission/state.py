@@ -1,4 +1,4 @@
-"""An orbit that a mission gives, as a heliocentric state. Loads the stages; the rest of the room does not."""
+"""The orbit a file gives, as a heliocentric state. Loads the stages; the rest of the room does not."""
 
 import numpy as np
 import numpy.typing as npt
@@ -15,7 +15,7 @@ Array = npt.NDArray[np.float64]
 
 
 def orbit_state(orbit: Orbit, gm_sun_km3_s2: float) -> Array:
-    """Heliocentric ICRF state (6,) at the epoch of the orbit."""
+    """Heliocentric ICRF state (6,) at the epoch of an orbit."""
     elements = np.array(orbit.elements)
     if orbit.representation == "state":
         state = elements

@@ -150,11 +150,11 @@ class Parameter:
         return f"{name:<18} {value:.6g} +- {self.sigma:.4g}"
 
 
-class Target(Block):
-    """The asteroid."""
+class Body(Block):
+    """The asteroid; its orbit may not be known yet."""
 
     name: Text
-    orbit: Orbit
+    orbit: Orbit | None = None
     magnitude: Magnitude | None = None
     radius: UncertainRadius | None = None
     diameter: UncertainRadius | None = None
@@ -377,6 +377,12 @@ class Target(Block):
         sigma = math.hypot(by_radius, by_density) * mass or None
         given = self.density.model_copy(update={"value": mass, "sigma": sigma})
         return _parameter("mass_kg", "mass", given, key="density")
+
+
+class Target(Body):
+    """The asteroid."""
+
+    orbit: Orbit
 
 
 def _parameter(name: str, group: str, item: Uncertain | None, factor: float = 1.0, key: str = "") -> Parameter:

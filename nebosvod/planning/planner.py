@@ -22,7 +22,7 @@ from nebosvod.mission import Mission
 from nebosvod.mission.reading.reader import require_mission
 from nebosvod.planning.visits import Candidates, candidates, grids
 from nebosvod.scene.prior import prior_table
-from nebosvod.scene.scene import Scene, build_scene
+from nebosvod.scene.scene import PlannedScene, build_scene
 from nebosvod.timescale import Epoch
 from nebosvod.units import DURATION
 from nebosvod.units import quantity as to_internal
@@ -306,7 +306,9 @@ def _named(mission: Mission, part: str, option: str, name: str) -> Any:
     raise InputError(f"{option}: this mission has no {part.removesuffix('s')} {name!r}; {hint}")
 
 
-def _found(scene: Scene, wish: Wish, planner: Planner, asked: Quantity, estimator: str, hours: Array) -> dict[str, Any]:
+def _found(
+    scene: PlannedScene, wish: Wish, planner: Planner, asked: Quantity, estimator: str, hours: Array
+) -> dict[str, Any]:
     """What plan.json holds."""
     offered, each_hours = planner.offered, hours[planner.offered.telescope]
     now = planner.now()
@@ -352,7 +354,7 @@ def _found(scene: Scene, wish: Wish, planner: Planner, asked: Quantity, estimato
 
 
 def _visit(
-    scene: Scene, planner: Planner, number: int, sigmas: tuple[Array, Array], now: tuple[float, float]
+    scene: PlannedScene, planner: Planner, number: int, sigmas: tuple[Array, Array], now: tuple[float, float]
 ) -> dict[str, Any]:
     """One candidate and what it gives."""
     return {
@@ -366,7 +368,12 @@ def _visit(
 
 
 def _window(
-    scene: Scene, planner: Planner, telescope: int, rates: Array, sigmas: tuple[Array, Array], now: tuple[float, float]
+    scene: PlannedScene,
+    planner: Planner,
+    telescope: int,
+    rates: Array,
+    sigmas: tuple[Array, Array],
+    now: tuple[float, float],
 ) -> dict[str, Any]:
     """The best epoch of a telescope and the epochs around it that are nearly as good, without a gap."""
     mine = np.flatnonzero(planner.offered.telescope == telescope)
@@ -386,7 +393,7 @@ def _window(
     }
 
 
-def _schedule(scene: Scene, planner: Planner, taken: Sequence[int]) -> list[dict[str, Any]]:
+def _schedule(scene: PlannedScene, planner: Planner, taken: Sequence[int]) -> list[dict[str, Any]]:
     """Visits in the order they are chosen, and the sigmas after each."""
     return [
         {
@@ -398,7 +405,7 @@ def _schedule(scene: Scene, planner: Planner, taken: Sequence[int]) -> list[dict
     ]
 
 
-def _curves(scene: Scene, planner: Planner, scores: Mapping[Criterion, Array]) -> list[dict[str, Any]]:
+def _curves(scene: PlannedScene, planner: Planner, scores: Mapping[Criterion, Array]) -> list[dict[str, Any]]:
     """For a figure: sigma after one visit against its epoch, by telescope."""
     rows = []
     for number in np.unique(planner.offered.telescope).tolist():

@@ -14,7 +14,7 @@ from nebosvod.mission import Estimator
 from nebosvod.observation import Visibility, visibility
 from nebosvod.observation.measurement.exposures import row_order
 from nebosvod.scene.prior import PriorTable
-from nebosvod.scene.scene import Scene, measured
+from nebosvod.scene.scene import PlannedScene, measured
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -59,7 +59,7 @@ class Candidates:
 
 
 def grids(
-    scene: Scene, start_s: float | None, end_s: float | None, step_s: float | None, lasts_s: float = 0.0
+    scene: PlannedScene, start_s: float | None, end_s: float | None, step_s: float | None, lasts_s: float = 0.0
 ) -> list[Array]:
     """Candidate epochs of each telescope: the mission's own schedule, or a grid if anything is said.
 
@@ -98,7 +98,7 @@ def grids(
 
 
 def candidates(
-    scene: Scene,
+    scene: PlannedScene,
     estimator: Estimator,
     priors: PriorTable,
     epochs: Sequence[Array],
@@ -155,7 +155,7 @@ def candidates(
     )
 
 
-def _seen(scene: Scene, number: int, t_s: Array) -> Visibility:
+def _seen(scene: PlannedScene, number: int, t_s: Array) -> Visibility:
     """What a telescope sees of the object at some times (n,), which need not be in order."""
     magnitude = scene.mission.object.magnitude
     law = (magnitude.H, magnitude.G) if magnitude is not None else None
@@ -168,7 +168,7 @@ def _runs(epochs: Array, seen: Mask) -> Array:
     return np.stack([epochs[np.flatnonzero(edges == 1)], epochs[np.flatnonzero(edges == -1) - 1]], axis=1)
 
 
-def _with_sources(scene: Scene) -> Scene:
+def _with_sources(scene: PlannedScene) -> PlannedScene:
     """The scene with the sources of every telescope that now measures something."""
     exposures, sources, nuisances = measured(scene.mission, scene.telescopes, scene.visibilities, scene.ephemeris)
     return replace(scene, exposures=exposures, sources=sources, nuisances=nuisances)

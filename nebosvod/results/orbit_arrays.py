@@ -7,13 +7,13 @@ import numpy.typing as npt
 
 from nebosvod.estimation import Estimate
 from nebosvod.estimation.problem.square_root import lower_factor
-from nebosvod.mission import Mission
+from nebosvod.mission import Question
 from nebosvod.scene.prior import STATE_NAMES
 
 Arrays = dict[str, npt.NDArray[Any]]
 
 
-def orbit_arrays(mission: Mission, estimate: Estimate, label: str) -> Arrays:
+def orbit_arrays(mission: Question, estimate: Estimate, label: str) -> Arrays:
     """Names (n,), lower factor (n, n) of the true covariance, and source names (g,) with their factors (g, n, n).
 
     Considered and ignored parameters of the forces are among the names: the state depends on them.

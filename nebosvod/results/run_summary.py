@@ -22,7 +22,7 @@ from nebosvod.observation.earth.sites import GroundSite
 from nebosvod.results import prediction_rows, rows
 from nebosvod.results.outlook import bent_words
 from nebosvod.scene.prior import STATE_NAMES, PriorTable
-from nebosvod.scene.scene import Scene
+from nebosvod.scene.scene import PlannedScene, Scene
 from nebosvod.timescale import SECONDS_PER_DAY
 from nebosvod.units import ARCSEC
 
@@ -31,7 +31,7 @@ SCHEMA_VERSION = 1
 
 
 def summarise(
-    scene: Scene,
+    scene: PlannedScene,
     priors: PriorTable,
     fits: Sequence[Fit],
     findings: Findings,
@@ -64,7 +64,7 @@ def summarise(
     }
 
 
-def visibility_rows(scene: Scene) -> list[dict[str, Any]]:
+def visibility_rows(scene: PlannedScene) -> list[dict[str, Any]]:
     """What each telescope could see and which limit removed the rest (limits overlap)."""
     return [
         {
@@ -214,7 +214,7 @@ def _unknown_prior(priors: PriorTable) -> list[str]:
     return [words] if priors.says_nothing else []
 
 
-def _warnings(scene: Scene, fits: Sequence[Fit], findings: Findings) -> list[str]:
+def _warnings(scene: PlannedScene, fits: Sequence[Fit], findings: Findings) -> list[str]:
     """What a reader must know before trusting the numbers."""
     said = list(scene.mission.notices)
     if any(fit.problem.n > LARGE for fit in fits):

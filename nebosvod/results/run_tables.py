@@ -17,7 +17,7 @@ from nebosvod.results.orbit_arrays import orbit_arrays
 from nebosvod.results.result import Table
 from nebosvod.scene.point import View
 from nebosvod.scene.prior import STATE_NAMES
-from nebosvod.scene.scene import Scene
+from nebosvod.scene.scene import PlannedScene
 from nebosvod.units import ARCSEC
 
 Array = npt.NDArray[np.float64]
@@ -25,7 +25,7 @@ Arrays = dict[str, npt.NDArray[Any]]
 TRACK_POINTS = 241
 
 
-def all_arrays(scene: Scene, nominal: View, fits: Sequence[Fit], psi: Array) -> Arrays:
+def all_arrays(scene: PlannedScene, nominal: View, fits: Sequence[Fit], psi: Array) -> Arrays:
     """Everything in arrays.npz; the computed rows are those of the nominal orbit."""
     seen = nominal.observation
     at = nominal.trajectory.at(seen.t_s)
@@ -87,7 +87,9 @@ def _root_sum(sigma: Array) -> Array:
     return total
 
 
-def all_tables(scene: Scene, nominal: View, fits: Sequence[Fit], psi: Array, findings: Findings) -> dict[str, Table]:
+def all_tables(
+    scene: PlannedScene, nominal: View, fits: Sequence[Fit], psi: Array, findings: Findings
+) -> dict[str, Table]:
     """The tables of a run, for people and spreadsheets."""
     found = [one for one in fits if one.estimate.solution is not None]
     tables = {
@@ -119,7 +121,7 @@ def all_tables(scene: Scene, nominal: View, fits: Sequence[Fit], psi: Array, fin
     return tables
 
 
-def _measurements(scene: Scene, nominal: View, psi: Array) -> Table:
+def _measurements(scene: PlannedScene, nominal: View, psi: Array) -> Table:
     seen = nominal.observation
     names = np.array([telescope.name for telescope in seen.telescopes])
     sigma = np.sqrt(np.einsum("nii->ni", seen.noise)) / ARCSEC
@@ -139,7 +141,7 @@ def _measurements(scene: Scene, nominal: View, psi: Array) -> Table:
     )
 
 
-def _visibility(scene: Scene) -> Table:
+def _visibility(scene: PlannedScene) -> Table:
     """Every scheduled epoch of every telescope: seen, or the first limit that removes it."""
     seen = scene.visibilities
     names = [np.full(one.t_s.size, telescope.name) for telescope, one in zip(scene.telescopes, seen)]

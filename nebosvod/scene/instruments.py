@@ -14,11 +14,10 @@ import numpy.typing as npt
 
 from nebosvod.borders.stored import read_object
 from nebosvod.errors import InputError
-from nebosvod.mission import FitMission, Mission, Source
+from nebosvod.mission import Mission, Question, Source
 from nebosvod.mission import Telescope as TelescopeBlock
 from nebosvod.mission import spacecraft as said
 from nebosvod.mission.covariance import checked
-from nebosvod.mission.fit import plain
 from nebosvod.mission.reading.places import asking
 from nebosvod.mission.uncertainty import Bias, Photocentre, Position, Timing
 from nebosvod.observation import (
@@ -73,7 +72,7 @@ def telescopes(mission: Mission) -> tuple[Telescope, ...]:
     return tuple(found)
 
 
-def nuisance(source: Source, mission: Mission, seeing: tuple[str, ...]) -> Nuisance:
+def nuisance(source: Source, mission: Question, seeing: tuple[str, ...]) -> Nuisance:
     """What a source is to observation; `seeing` are its telescopes that measure anything."""
     return NUISANCES[kind_of(source)](source, mission, seeing)
 
@@ -106,7 +105,7 @@ def _telescope(block: TelescopeBlock, carrier: Spacecraft) -> Telescope:
 # --- where a telescope is ---------------------------------------------------------------------------------------------
 
 
-def _elements(orbit: Any, mission: Mission) -> dict[str, Any]:
+def _elements(orbit: Any, mission: Question) -> dict[str, Any]:
     """Kepler elements by observation's names."""
     return {
         "elements_epoch": _epoch(orbit, mission),
@@ -119,12 +118,12 @@ def _elements(orbit: Any, mission: Mission) -> dict[str, Any]:
     }
 
 
-def _epoch(block: Any, mission: Mission) -> Epoch:
+def _epoch(block: Any, mission: Question) -> Epoch:
     """The epoch a block says, or the reference epoch."""
     return mission.reference_epoch if block.epoch is None else block.epoch
 
 
-def _libration(orbit: said.Libration, mission: Mission) -> Spacecraft:
+def _libration(orbit: said.Libration, mission: Question) -> Spacecraft:
     return LibrationOrbit(
         point=orbit.point,
         elements_epoch=_epoch(orbit, mission),
@@ -135,7 +134,7 @@ def _libration(orbit: said.Libration, mission: Mission) -> Spacecraft:
     )
 
 
-def _sun_synchronous(orbit: said.SunSynchronous, mission: Mission) -> Spacecraft:
+def _sun_synchronous(orbit: said.SunSynchronous, mission: Question) -> Spacecraft:
     return sun_synchronous(
         elements_epoch=_epoch(orbit, mission),
         altitude_km=orbit.altitude,
@@ -144,7 +143,7 @@ def _sun_synchronous(orbit: said.SunSynchronous, mission: Mission) -> Spacecraft
     )
 
 
-def _ground(orbit: said.Ground, mission: Mission) -> Spacecraft:
+def _ground(orbit: said.Ground, mission: Question) -> Spacecraft:
     if orbit.code is None:
         constants = (orbit.longitude or 0.0, orbit.rho_cos_phi or 0.0, orbit.rho_sin_phi or 0.0)
         return GroundSite.from_parallax(*constants, extrapolate=orbit.extrapolate)
@@ -164,7 +163,7 @@ def _ground(orbit: said.Ground, mission: Mission) -> Spacecraft:
     return GroundSite.from_parallax(*constants, extrapolate=orbit.extrapolate)
 
 
-SPACECRAFT: Mapping[type, Callable[[Any, Mission], Spacecraft]] = {
+SPACECRAFT: Mapping[type, Callable[[Any, Question], Spacecraft]] = {
     said.Geostationary: lambda orbit, mission: Geostationary(longitude_rad=orbit.longitude),
     said.Heliocentric: lambda orbit, mission: HeliocentricCompanion(lead_rad=orbit.lead),
     said.Geocentric: lambda orbit, mission: GeocentricOrbit(**_elements(orbit, mission), j2=orbit.j2),
@@ -193,7 +192,7 @@ OEM_AXES: Mapping[str, Literal["icrf", "rtn"]] = {
 Kind = TypeVar("Kind")
 
 
-def _bias(source: Source, mission: Mission, seeing: Seeing) -> Nuisance:
+def _bias(source: Source, mission: Question, seeing: Seeing) -> Nuisance:
     error = _of(Bias, source)
     known: dict[str, Any] = {
         "name": source.name,
@@ -213,7 +212,7 @@ def _bias(source: Source, mission: Mission, seeing: Seeing) -> Nuisance:
     return ConstantBias(**known, mean_rad=np.array(error.mean_rad))
 
 
-def _position(source: Source, mission: Mission, seeing: Seeing) -> Nuisance:
+def _position(source: Source, mission: Question, seeing: Seeing) -> Nuisance:
     error = _of(Position, source)
     known: dict[str, Any] = {
         "name": source.name,
@@ -228,7 +227,7 @@ def _position(source: Source, mission: Mission, seeing: Seeing) -> Nuisance:
     return ConstantPosition(**known, telescopes=seeing)
 
 
-def _orbit_error(source: Source, mission: Mission, seeing: Seeing) -> Nuisance:
+def _orbit_error(source: Source, mission: Question, seeing: Seeing) -> Nuisance:
     error = _of(Position, source)
     frame, at = error.frame, _epoch(error, mission)
     if isinstance(error.covariance, str):
@@ -248,14 +247,10 @@ def _orbit_error(source: Source, mission: Mission, seeing: Seeing) -> Nuisance:
     )
 
 
-def _covariance_of_orbit(source: Source, mission: Mission, near: Epoch) -> tuple[Array, Literal["icrf", "rtn"], Epoch]:
+def _covariance_of_orbit(source: Source, mission: Question, near: Epoch) -> tuple[Array, Literal["icrf", "rtn"], Epoch]:
     """The covariance in the telescope's OEM file whose epoch is nearest to one asked for, its frame and its epoch."""
     name = source.telescopes[0]
-    orbit: said.TelescopeOrbit | None
-    if isinstance(mission, FitMission):
-        orbit = mission.fit.spacecraft.get(plain(name))
-    else:
-        orbit = mission.telescope(name).orbit
+    orbit = mission.carrier(name)
     if not isinstance(orbit, said.OemFile):
         raise TypeError(f"{source.name}: its orbit is not from a file")
     held = read_oem(mission.beside(orbit.file)).covariances
@@ -272,7 +267,7 @@ def _covariance_of_orbit(source: Source, mission: Mission, near: Epoch) -> tuple
         raise InputError(f"{orbit.file}: the covariance of {found.epoch} {error}") from None
 
 
-def _timing(source: Source, mission: Mission, seeing: Seeing) -> Nuisance:
+def _timing(source: Source, mission: Question, seeing: Seeing) -> Nuisance:
     error = _of(Timing, source)
     return TimingOffset(
         name=source.name,
@@ -283,7 +278,7 @@ def _timing(source: Source, mission: Mission, seeing: Seeing) -> Nuisance:
     )
 
 
-def _photocentre(source: Source, mission: Mission, seeing: Seeing) -> Nuisance:
+def _photocentre(source: Source, mission: Question, seeing: Seeing) -> Nuisance:
     error = _of(Photocentre, source)
     return PhotocentreOffset(
         name=source.name,
@@ -302,7 +297,7 @@ def _of(kind: type[Kind], source: Source) -> Kind:
     return source.error
 
 
-NUISANCES: Mapping[tuple[str, str], Callable[[Source, Mission, Seeing], Nuisance]] = {
+NUISANCES: Mapping[tuple[str, str], Callable[[Source, Question, Seeing], Nuisance]] = {
     ("bias", "constant"): _bias,
     ("bias", "drift"): _bias,
     ("bias", "per_arc"): _bias,

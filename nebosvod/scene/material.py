@@ -174,13 +174,14 @@ def require_few_steps(mission: FitMission, records: Astrometry) -> None:
     InputError
         By the place of the orbit in the file.
     """
-    if mission.object.given_orbit is None:
+    start = mission.object.orbit
+    if start is None:
         return
     first, last = (records.epoch + float(t_s) for t_s in (records.t_s.min(), records.t_s.max()))
     arc = last - first
-    way = abs(first + arc / 2.0 - mission.object.orbit.epoch)
+    way = abs(first + arc / 2.0 - start.epoch)
     between = "its epoch and the observations" if way > arc else "the first and the last observation"
-    if text := too_often(mission.object.orbit, max(way, arc), between):
+    if text := too_often(start, max(way, arc), between):
         advice = "check the units of its elements and its epoch, or leave out observations by fit.from and fit.to"
         with asking(mission, "object", "orbit"):
             raise InputError(f"{text}; {advice}")

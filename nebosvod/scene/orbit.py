@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nebosvod.errors import InputError
-from nebosvod.mission import FitMission, Mission, load_any
+from nebosvod.mission import Question, load_any
 from nebosvod.mission.reading.builtin import builtin_names
 from nebosvod.mission.target import LOGARITHMS
 from nebosvod.mission.yaml.yamlfile import shown
@@ -15,7 +15,7 @@ from nebosvod.orbits.folders import SWITCHES
 from nebosvod.orbits.reading import KNOWN, read_orbit_file
 from nebosvod.orbits.uncertain import UncertainOrbit
 from nebosvod.scene.prior import STATE_NAMES, PriorTable, prior_table
-from nebosvod.scene.scene import force_model, load_ephemeris, reference_state, require_epochs
+from nebosvod.scene.scene import force_model, load_ephemeris, require_epochs, state_at
 
 Array = npt.NDArray[np.float64]
 MISSION_NAMES = (".yaml", ".yml")
@@ -48,7 +48,7 @@ def read_orbit(path: str | Path) -> UncertainOrbit:
     return mission_orbit(load_any(file))
 
 
-def mission_orbit(mission: Mission) -> UncertainOrbit:
+def mission_orbit(mission: Question) -> UncertainOrbit:
     """What a mission knows beforehand: its nominal orbit at the reference epoch with its prior.
 
     The estimate that its measurements would give is that of its run: read the folder of the run.
@@ -59,12 +59,12 @@ def mission_orbit(mission: Mission) -> UncertainOrbit:
         If it has no prior orbit; if it is a file for `nebosvod fit`.
     """
     name = shown(str(mission.path or mission.name))
-    if isinstance(mission, FitMission):
+    if mission.kind == "fit":
         raise InputError(f"{name}: is a file for a fit; make it with nebosvod fit {name}, and give the folder it makes")
     ephemeris = load_ephemeris(mission)
     forces = force_model(mission, ephemeris)
     require_epochs(mission, ephemeris)
-    state = reference_state(mission, forces)
+    state = state_at(mission.orbit, mission.reference_epoch, forces)
     names, factor = _joint(prior_table(mission, forces, state))
     if names[:6] != STATE_NAMES:
         raise InputError(
@@ -107,7 +107,7 @@ def _lower(covariance: Array) -> Array:
     return lower
 
 
-def _physical(mission: Mission, names: tuple[str, ...], factor: Array) -> Array:
+def _physical(mission: Question, names: tuple[str, ...], factor: Array) -> Array:
     """The factor with rows of logarithms as those of their quantities, to first order: dR = R d ln R."""
     value = dict(parameter.quantity for parameter in mission.parameters)
     unit = np.array([value[LOGARITHMS[name]] if name in LOGARITHMS else 1.0 for name in names])

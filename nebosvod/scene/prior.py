@@ -16,9 +16,9 @@ from nebosvod.dynamics.elements import cometary_to_state, state_to_cometary
 from nebosvod.dynamics.impact import carry
 from nebosvod.errors import InputError
 from nebosvod.estimation import Prior
-from nebosvod.mission import Mission
+from nebosvod.mission import Question
 from nebosvod.mission.found import parameter_of
-from nebosvod.mission.model import CovariancePrior
+from nebosvod.mission.question import CovariancePrior
 from nebosvod.mission.reading.places import asking
 from nebosvod.mission.request import Prior as PriorBlock
 from nebosvod.mission.state import orbit_state, to_icrf
@@ -117,7 +117,7 @@ def _says_nothing(_: str, names: tuple[str, ...], mean: Array, covariance: Array
     return bool(np.any(sigma.reshape(2, 3) > limits[:, None]))
 
 
-def by_density(mission: Mission) -> bool:
+def by_density(mission: Question) -> bool:
     """Whether mass and radius are parameters, and the mass is that of a density and an uncertain radius."""
     free = {parameter.name for parameter in mission.free_parameters}
     return bool(mission.object.radius_mass_covariance) and {"radius_m", "mass_kg"} <= free
@@ -138,7 +138,7 @@ def with_mass(about: Mapping[str, float], drawn: Mapping[str, float]) -> dict[st
     return dict(drawn) | {"mass_kg": about["mass_kg"] * (1.0 + wider) ** 3 * (1.0 + denser)}
 
 
-def prior_table(mission: Mission, forces: ForceModel, state: Array) -> PriorTable:
+def prior_table(mission: Question, forces: ForceModel, state: Array) -> PriorTable:
     """Collect the priors of state and dynamic parameters at the reference epoch.
 
     Parameters
@@ -165,7 +165,7 @@ def prior_table(mission: Mission, forces: ForceModel, state: Array) -> PriorTabl
 Entry = tuple[str, tuple[str, ...], Array, Array]
 
 
-def _sigmas(mission: Mission, state: Array) -> tuple[Entry, ...]:
+def _sigmas(mission: Question, state: Array) -> tuple[Entry, ...]:
     """The prior orbit given as independent sigmas at the reference epoch, if there is one."""
     said = mission.prior
     if not isinstance(said, PriorBlock) or said.sigma is None:
@@ -174,7 +174,7 @@ def _sigmas(mission: Mission, state: Array) -> tuple[Entry, ...]:
     return (("prior orbit", STATE_NAMES, state, np.diag(sigma**2)),)
 
 
-def _parameter_entries(mission: Mission, parameters: list[Parameter]) -> tuple[Entry, ...]:
+def _parameter_entries(mission: Question, parameters: list[Parameter]) -> tuple[Entry, ...]:
     """One source for each parameter; radius and a mass that follows from a density are one source."""
     coupled = mission.object.radius_mass_covariance
     pair = [p for p in parameters if p.group in ("radius", "mass")]
@@ -190,7 +190,7 @@ def _parameter_entries(mission: Mission, parameters: list[Parameter]) -> tuple[E
     return tuple(entries)
 
 
-def _carried(mission: Mission, joint: CovariancePrior, forces: ForceModel, state: Array) -> tuple[Entry, ...]:
+def _carried(mission: Question, joint: CovariancePrior, forces: ForceModel, state: Array) -> tuple[Entry, ...]:
     """The prior orbit carried from its epoch to the reference epoch, with all that becomes correlated on the way."""
     free = {parameter.name: parameter for parameter in mission.free_parameters}
     labels = {parameter_of(name): name for name in joint.names if parameter_of(name) in free}
@@ -225,12 +225,12 @@ def _carried(mission: Mission, joint: CovariancePrior, forces: ForceModel, state
     return ((title, names, mean, T @ before @ T.T),)
 
 
-def _state_at(mission: Mission, joint: CovariancePrior, forces: ForceModel) -> tuple[Array, Array]:
+def _state_at(mission: Question, joint: CovariancePrior, forces: ForceModel) -> tuple[Array, Array]:
     """The nominal state at the epoch of the prior and the partials (6, 6) of it by what the covariance is about."""
     gm = forces.ephemeris.gm_km3_s2["sun"]
-    state = orbit_state(mission.object.orbit, gm)
-    if joint.epoch != mission.object.orbit.epoch:
-        state = carry(state, mission.object.orbit.epoch, joint.epoch, forces).state[0]
+    state = orbit_state(mission.orbit, gm)
+    if joint.epoch != mission.orbit.epoch:
+        state = carry(state, mission.orbit.epoch, joint.epoch, forces).state[0]
     ecliptic = joint.frame == "ecliptic_j2000"
     jacobian = np.eye(6)
     if joint.representation == "cometary":

@@ -94,7 +94,6 @@ def scene_of(mission: FitMission, material: Material, forces: ForceModel, trajec
         forces=forces,
         state=np.array(trajectory.at([0.0]).state[0]),
         telescopes=(*material.exposures.telescopes, *_lookouts(mission, material)),
-        visibilities=(),
         exposures=exposures,
         sources=sources,
         nuisances=tuple(nuisances),

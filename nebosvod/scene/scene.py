@@ -13,12 +13,12 @@ from nebosvod.dynamics import Ephemeris, ForceModel, Nongrav, RadiationPressure,
 from nebosvod.dynamics.constants import RADIUS_KM
 from nebosvod.dynamics.impact import carry, follow
 from nebosvod.errors import CoverageError, GeometryError, InputError
-from nebosvod.mission import Mission, Source
+from nebosvod.mission import Mission, Question, Source
 from nebosvod.mission.reading.places import asking, place
 from nebosvod.mission.request import Prediction
 from nebosvod.mission.spacecraft import OemFile, Spk, Tabulated
 from nebosvod.mission.state import orbit_state
-from nebosvod.mission.target import LOGARITHMS
+from nebosvod.mission.target import LOGARITHMS, Orbit
 from nebosvod.observation import Nuisance, Telescope, Visibility, ZoneBias, visibility
 from nebosvod.observation.measurement.exposures import Exposures, row_order
 from nebosvod.scene.instruments import nuisance, telescopes
@@ -35,14 +35,14 @@ LOWEST = 0.99  # of their radii: the poles of the Earth lie at 0.9966
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Scene:
-    """What a mission means.
+    """What a mission, or a fit, means.
 
     Attributes
     ----------
+    mission : what is asked.
     forces : with the free parameters as columns of zeta, at their nominal values.
     state : (6,) reference state, heliocentric ICRF at the mission's reference epoch.
     telescopes : in the order of the mission.
-    visibilities : one for each telescope, at its scheduled epochs; none where the exposures are those of records.
     exposures : what is measured, in the order of time and then of telescope; only telescopes that measure anything.
     sources : what the mission says is uncertain about telescopes that measure anything, by name.
     nuisances : the same sources as observation knows them, in the same order.
@@ -51,12 +51,11 @@ class Scene:
     trajectory : the reference orbit over the span, or to its impact.
     """
 
-    mission: Mission
+    mission: Question
     ephemeris: Ephemeris
     forces: ForceModel
     state: Array
     telescopes: tuple[Telescope, ...]
-    visibilities: tuple[Visibility, ...]
     exposures: Exposures
     sources: Mapping[str, Source]
     nuisances: tuple[Nuisance, ...]
@@ -77,7 +76,20 @@ class Scene:
         return follow(state, self.epoch, self.span_s, self.needed_s, forces, sensitivities, self.trajectory)
 
 
-def build_scene(mission: Mission) -> Scene:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PlannedScene(Scene):
+    """The scene of a mission that is simulated: its exposures are what can be seen of a schedule.
+
+    Attributes
+    ----------
+    visibilities : one for each telescope, at its scheduled epochs.
+    """
+
+    mission: Mission
+    visibilities: tuple[Visibility, ...]
+
+
+def build_scene(mission: Mission) -> PlannedScene:
     """Build the objects of the stages and find what can be seen.
 
     Raises
@@ -95,14 +107,14 @@ def build_scene(mission: Mission) -> Scene:
     span, needed = _span(mission, forces)
     span = covered(span, (min(_measured(mission)), needed), forces, mission.reference_epoch)
     with asking(mission, "object", "orbit"):
-        state = reference_state(mission, forces)
+        state = state_at(mission.object.orbit, mission.reference_epoch, forces)
     with asking(mission, "schedule"):
         trajectory = follow(state, mission.reference_epoch, span, needed, forces, True)
         instruments = telescopes(mission)
         visibilities = tuple(_visibility(mission, telescope, trajectory) for telescope in instruments)
         _require_seen(instruments, visibilities)
     exposures, sources, nuisances = measured(mission, instruments, visibilities, ephemeris)
-    return Scene(
+    return PlannedScene(
         mission=mission,
         ephemeris=ephemeris,
         forces=forces,
@@ -118,7 +130,7 @@ def build_scene(mission: Mission) -> Scene:
     )
 
 
-def load_ephemeris(mission: Mission) -> Ephemeris:
+def load_ephemeris(mission: Question) -> Ephemeris:
     """The ephemeris the mission asks for, else the one that is found."""
     if mission.ephemeris_path is None:
         return Ephemeris.load()
@@ -126,7 +138,7 @@ def load_ephemeris(mission: Mission) -> Ephemeris:
         return Ephemeris.load(mission.ephemeris_path)
 
 
-def require_epochs(mission: Mission, ephemeris: Ephemeris) -> None:
+def require_epochs(mission: Question, ephemeris: Ephemeris) -> None:
     """Refuse an epoch of the mission outside the ephemeris; a prediction there is a row without an answer."""
     for path, epoch in mission.epochs():
         with asking(mission, *path):
@@ -211,7 +223,7 @@ def _sky(visibilities: Sequence[Visibility]) -> Array:
     return psi
 
 
-def force_model(mission: Mission, ephemeris: Ephemeris) -> ForceModel:
+def force_model(mission: Question, ephemeris: Ephemeris) -> ForceModel:
     """The mission's forces at nominal values; the columns of zeta are its free parameters."""
     value = dict(parameter.quantity for parameter in mission.parameters)
     nongrav = {name: value[name] for name in ("a1_au_d2", "a2_au_d2", "a3_au_d2") if name in value}
@@ -238,13 +250,12 @@ def force_model(mission: Mission, ephemeris: Ephemeris) -> ForceModel:
     )
 
 
-def reference_state(mission: Mission, forces: ForceModel) -> Array:
-    """The nominal state (6,) at the reference epoch, carried there from the epoch of the orbit."""
-    orbit = mission.object.orbit
+def state_at(orbit: Orbit, epoch: Epoch, forces: ForceModel) -> Array:
+    """The nominal state (6,) of an orbit carried from its own epoch to another."""
     state = orbit_state(orbit, forces.ephemeris.gm_km3_s2["sun"])
-    if mission.reference_epoch == orbit.epoch:
+    if epoch == orbit.epoch:
         return state
-    carried: Array = carry(state, orbit.epoch, mission.reference_epoch, forces).state[0]
+    carried: Array = carry(state, orbit.epoch, epoch, forces).state[0]
     return carried
 
 

@@ -178,7 +178,7 @@ def test_one_state_that_is_no_number_keeps_all_light_times_from_settling():
     heliocentric[0] = np.nan
     still = [np.zeros((3, 6)), np.zeros((3, 3)), np.zeros((3, 6))]
     buffers = [np.empty(shape) for shape in ((3, 6), (3, 3), 3, 3, (3, 2))]
-    assert np.isnan(rows.lines_of_sight(np.zeros(3), heliocentric, *still, 0.1, 1e-9, *buffers))
+    assert np.isnan(rows.lines_of_sight(np.zeros(3), heliocentric, *still, 0.1, 1e-9, *buffers)  # type: ignore[call-arg])
 
 
 def test_the_first_light_time_is_confirmed_by_one_evaluation(flight, telescope, ephemeris, epoch):

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from nebosvod.dynamics.constants import RADIUS_KM
 from nebosvod.mission.fields import KeyPath
 from nebosvod.mission.fit import FitMission
-from nebosvod.mission.model import Mission
+from nebosvod.mission.question import Question
 from nebosvod.mission.target import Orbit
 
 GM_SUN_KM3_S2 = 1.32712440041e11  # of DE440
@@ -36,7 +36,7 @@ def size_km(orbit: Orbit) -> tuple[float, float]:
     return p / (1.0 + e), 1.0 / inverse if inverse > 0.0 else math.inf
 
 
-def flights_s(mission: Mission) -> tuple[float, float]:
+def flights_s(mission: Question) -> tuple[float, float]:
     """How long the orbit is flown: from its epoch to the reference epoch, and over all that can be answered."""
     from nebosvod.mission.reading.rules import ephemeris_span
 
@@ -44,12 +44,12 @@ def flights_s(mission: Mission) -> tuple[float, float]:
     first, last = ephemeris_span(mission.force_model.asteroids)
     asked += [prediction.when for prediction in mission.predictions if first <= prediction.when <= last]
     asked = asked or [mission.reference_epoch]
-    return abs(mission.reference_epoch - mission.object.orbit.epoch), max(asked) - min(asked)
+    return abs(mission.reference_epoch - mission.orbit.epoch), max(asked) - min(asked)
 
 
-def steps(mission: Mission) -> float:
+def steps(mission: Question) -> float:
     """About how many steps of the integration the longer flight takes."""
-    return steps_over(mission.object.orbit, max(flights_s(mission)))
+    return steps_over(mission.orbit, max(flights_s(mission)))
 
 
 def steps_over(orbit: Orbit, flown_s: float) -> float:
@@ -77,16 +77,13 @@ def too_often(orbit: Orbit, flown_s: float, between: str) -> str:
     return f"{how} between {between}, some {count:,.0f} steps of the integration (allowed {MOST_STEPS:,})"
 
 
-def complaints(mission: Mission) -> Iterator[tuple[KeyPath, str]]:
+def complaints(mission: Question) -> Iterator[tuple[KeyPath, str]]:
     """Orbits start outside of all bodies, and do not go round the Sun more often than can be flown."""
-    given: dict[KeyPath, Orbit] = {("object", "orbit"): mission.object.orbit}
-    if isinstance(mission, FitMission):
-        given = mission.given_orbits
-    inside = [(place, text) for place, orbit in given.items() if (text := _inside(orbit))]
+    inside = [(place, text) for place, orbit in mission.given_orbits.items() if (text := _inside(orbit))]
     yield from inside
     if inside or isinstance(mission, FitMission):
         return
-    if text := too_often(mission.object.orbit, max(flights_s(mission)), "the epochs of the mission"):
+    if text := too_often(mission.orbit, max(flights_s(mission)), "the epochs of the mission"):
         yield ("object", "orbit"), f"{text}; bring its epoch, the schedule and the predictions nearer to each other"
 
 

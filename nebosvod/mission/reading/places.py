@@ -4,13 +4,13 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from nebosvod.errors import NebosvodError
-from nebosvod.mission.model import Mission
+from nebosvod.mission.question import Question
 from nebosvod.mission.reading.explain import Explainer
 from nebosvod.mission.yaml.inherit import resolve_like
 from nebosvod.mission.yaml.yamlfile import KeyPath, dotted, parse_yaml, shown
 
 
-def place(mission: Mission, path: KeyPath) -> str:
+def place(mission: Question, path: KeyPath) -> str:
     """`apophis.yaml:14:9: telescopes[0].orbit`: file, line and column of a key; of a mission made in Python the key."""
     if not mission.was_read:
         return dotted(path)
@@ -21,7 +21,7 @@ def place(mission: Mission, path: KeyPath) -> str:
 
 
 @contextmanager
-def asking(mission: Mission, *path: str | int) -> Iterator[None]:
+def asking(mission: Question, *path: str | int) -> Iterator[None]:
     """Errors of what is done inside begin with the place of the key that asked for it."""
     try:
         yield

@@ -11,7 +11,8 @@ from pydantic import ValidationError
 from nebosvod.errors import InputError
 from nebosvod.mission.fields import KeyPath
 from nebosvod.mission.fit import FitMission
-from nebosvod.mission.model import SCHEMA_VERSION, Mission
+from nebosvod.mission.model import Mission
+from nebosvod.mission.question import SCHEMA_VERSION
 from nebosvod.mission.reading import cost, flight, rules
 from nebosvod.mission.reading.builtin import builtin_names, builtin_path
 from nebosvod.mission.reading.explain import Explainer
@@ -19,6 +20,8 @@ from nebosvod.mission.reading.inputs import resolve_files
 from nebosvod.mission.yaml.inherit import resolve_like
 from nebosvod.mission.yaml.yamlfile import Mark, Problem, Tree, YamlFile, parse_yaml, read_text, shown
 from nebosvod.version import __version__
+
+PLANNED = frozenset(Mission.model_fields) - frozenset(FitMission.model_fields)  # keys of a simulated mission alone
 
 
 def load_mission(path: str | Path) -> Mission:
@@ -30,7 +33,7 @@ def load_mission(path: str | Path) -> Mission:
     return mission
 
 
-def load_any(path: str | Path) -> Mission:
+def load_any(path: str | Path) -> Mission | FitMission:
     """Load a mission file, a built-in mission by its name, or a file for `nebosvod fit`.
 
     Parameters
@@ -71,7 +74,10 @@ def load_fit(path: str | Path) -> FitMission:
 
 def load_mission_text(text: str, name: str = "mission") -> Mission:
     """Load a mission from text; `name` stands for the file in messages. It may not refer to other files."""
-    return _load(parse_yaml(text, name), None)
+    mission = _load(parse_yaml(text, name), None)
+    if isinstance(mission, FitMission):
+        raise InputError(f"{shown(name)}: has a fit block, so there is nothing to simulate; it is for: nebosvod fit")
+    return mission
 
 
 def require_mission(value: object, function: str) -> None:
@@ -109,21 +115,26 @@ def _exists(path: Path) -> bool:
         return True  # a name no file can have; reading it says so
 
 
-def _load(file: YamlFile, path: Path | None) -> Mission:
+def _load(file: YamlFile, path: Path | None) -> Mission | FitMission:
     """Validate what was read."""
     tree, aliases, problems = resolve_like(file)
     if not isinstance(tree, dict):
         raise _refusal(file, [Problem(Mark(1, 1), "a mission is a block of keys, such as schema_version: 1")])
     _refuse_newer(file, tree)
     tree, found = resolve_files(tree, path.parent if path is not None else None)
-    model = FitMission if "fit" in tree else Mission
+    model: type[Mission] | type[FitMission] = FitMission if "fit" in tree else Mission
     explainer = Explainer(file, tree, aliases, model)
+    if model is FitMission:
+        found = [*found, *_planned_keys(tree)]
     problems += [*file.problems, *(explainer.problem(*item) for item in (*found, *_repeated_names(tree, explainer)))]
+    tree = {key: value for key, value in tree.items() if model is Mission or key not in PLANNED}
     try:
         mission = model.model_validate(tree)
     except ValidationError as error:
         raise _refusal(file, problems + explainer.explain(error)) from None
-    wrong = (*rules.complaints(mission), *flight.complaints(mission), *cost.complaints(mission))
+    wrong = [*rules.complaints(mission), *flight.complaints(mission)]
+    if isinstance(mission, Mission):
+        wrong += cost.complaints(mission)
     problems += [explainer.problem(*item) for item in wrong]
     if problems:
         raise _refusal(file, problems)
@@ -132,7 +143,14 @@ def _load(file: YamlFile, path: Path | None) -> Mission:
     return mission
 
 
-def _read_again(text: str, name: str, path: Path | None) -> Mission:
+def _planned_keys(tree: dict[str, Tree]) -> Iterator[tuple[KeyPath, str]]:
+    """What belongs to a simulated mission has no place in a file with fit."""
+    for key in tree:
+        if key in PLANNED:
+            yield (key,), "belongs to a mission that is simulated; a file with fit has none"
+
+
+def _read_again(text: str, name: str, path: Path | None) -> Mission | FitMission:
     """A mission edited in Python, beside the files of the one it was."""
     return _load(parse_yaml(text, name), path)
 

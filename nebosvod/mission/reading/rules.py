@@ -15,6 +15,7 @@ from nebosvod.mission.fit import FitMission
 from nebosvod.mission.found import FileOrbit, parameter_of
 from nebosvod.mission.model import Mission
 from nebosvod.mission.orbit import SbdbOrbit
+from nebosvod.mission.question import Question
 from nebosvod.mission.request import FROM_A_PRIOR, OWN_GAIN, PARAMETER_GROUPS, Estimator, Prior, SkyPrediction
 from nebosvod.mission.sources import GROUPS
 from nebosvod.mission.spacecraft import GEOCENTRES, Ground, underground
@@ -41,19 +42,24 @@ HOW_TO_ADD = {
 MAX_PROBLEMS = 50  # shown of one file; looking for near names takes time
 
 
-def complaints(mission: Mission) -> list[Complaint]:
+def complaints(mission: Mission | FitMission) -> list[Complaint]:
     """Everything that does not fit together, each with the path of the value to change."""
+    own = _of_fit(mission) if isinstance(mission, FitMission) else _of_mission(mission)
+    return list(islice(own, MAX_PROBLEMS + 1))
+
+
+def _of_fit(mission: FitMission) -> Iterator[Complaint]:
+    yield from chain(_stations(mission), _carried_covariances(mission), _coverage(mission), _prior(mission))
+
+
+def _of_mission(mission: Mission) -> Iterator[Complaint]:
     prior = list(_prior(mission))
-    if isinstance(mission, FitMission):
-        return list(
-            islice(
-                chain(_stations(mission), _carried_covariances(mission), _coverage(mission), prior), MAX_PROBLEMS + 1
-            )
+    yield from chain(_references(mission), _shared(mission), _sites(mission), _turning(mission))
+    yield from chain(_carried_covariances(mission), _coverage(mission), prior)
+    if not prior:  # the rules of estimators ask what is in the prior
+        yield from chain(
+            *(rule(mission, i, e) for i, e in enumerate(mission.estimators) for rule in (_estimator, _method))
         )
-    # the rules of estimators ask what is in the prior
-    plain, rules = (_references, _shared, _sites, _turning, _carried_covariances, _coverage), (_estimator, _method)
-    overrides = [] if prior else (rule(mission, i, e) for i, e in enumerate(mission.estimators) for rule in rules)
-    return list(islice(chain(*(rule(mission) for rule in plain), prior, *overrides), MAX_PROBLEMS + 1))
 
 
 def _stations(mission: FitMission) -> Iterator[Complaint]:
@@ -170,7 +176,7 @@ def _turning(mission: Mission) -> Iterator[Complaint]:
             )
 
 
-def _carried_covariances(mission: Mission) -> Iterator[Complaint]:
+def _carried_covariances(mission: Question) -> Iterator[Complaint]:
     """`covariance: orbit` stands where the orbit comes from a file that can hold one."""
     for path, error, kinds in _position_errors(mission):
         if error.from_orbit and kinds - {"oem"}:
@@ -178,7 +184,7 @@ def _carried_covariances(mission: Mission) -> Iterator[Complaint]:
             yield (*path, "covariance"), f"{text} (got {min(kinds - {'oem'})})"
 
 
-def _position_errors(mission: Mission) -> Iterator[tuple[KeyPath, Position, set[str]]]:
+def _position_errors(mission: Question) -> Iterator[tuple[KeyPath, Position, set[str]]]:
     """Position errors with their place in the file and the kinds of orbits they belong to, "none" without a file."""
     if isinstance(mission, FitMission):  # who observed is known from the records alone
         files = mission.fit.spacecraft
@@ -190,10 +196,11 @@ def _position_errors(mission: Mission) -> Iterator[tuple[KeyPath, Position, set[
         return
     for source in mission.sources:
         if isinstance(source.error, Position):
-            yield source.path, source.error, {str(mission.telescope(name).orbit.kind) for name in source.telescopes}
+            carriers = (mission.carrier(name) for name in source.telescopes)
+            yield source.path, source.error, {str(carrier.kind) for carrier in carriers if carrier is not None}
 
 
-def _coverage(mission: Mission) -> Iterator[Complaint]:
+def _coverage(mission: Question) -> Iterator[Complaint]:
     """Every epoch lies inside the ephemeris that a run would use."""
     if mission.force_model.ephemeris is not None or os.environ.get("NEBOSVOD_EPHEMERIS"):
         return  # that file is read, and its span checked, when a run opens it
@@ -234,11 +241,11 @@ def shipped_span() -> tuple[str, str]:
     return str(first), str(last)
 
 
-def _prior(mission: Mission) -> Iterator[Complaint]:
+def _prior(mission: Question) -> Iterator[Complaint]:
     """A joint prior covers only what is estimated, and nothing twice."""
     if mission.prior == "orbit" and not isinstance(mission.object.orbit, SbdbOrbit | FileOrbit):
         text = "orbit means the covariance that came with the orbit, and only kinds sbdb and file carry one"
-        yield ("prior",), f"{text} (got kind {mission.object.orbit.kind})"
+        yield ("prior",), f"{text} (got kind {mission.orbit.kind})"
         return
     source = mission.object.orbit.covariance if isinstance(mission.object.orbit, SbdbOrbit) else None
     if mission.prior == "orbit" and source is not None and "A1" in source.labels and mission.object.has_radiation:
@@ -272,7 +279,7 @@ def _prior(mission: Mission) -> Iterator[Complaint]:
             yield place, f"{name} has its sigma in the prior's covariance and in object.nongrav; keep one of the two"
 
 
-def _diffuse(mission: Mission) -> Iterator[Complaint]:
+def _diffuse(mission: Question) -> Iterator[Complaint]:
     """A prior orbit of another epoch, carried to the reference epoch, feels every parameter: each needs a sigma."""
     prior = mission.covariance_prior
     if prior is None or isinstance(mission, FitMission) or prior.epoch == mission.reference_epoch:

@@ -3,7 +3,7 @@
 import copy
 from typing import Any
 
-from nebosvod.mission.fit import NOT_HERE, FitMission
+from nebosvod.mission.fit import FitMission
 from nebosvod.mission.model import Mission
 
 _SUFFIX = "Like"
@@ -32,9 +32,8 @@ def mission_schema() -> dict[str, Any]:
 
 
 def fit_schema() -> dict[str, Any]:
-    """JSON Schema (draft 2020-12) of a file for `nebosvod fit`, without the keys of a simulated mission."""
+    """JSON Schema (draft 2020-12) of a file for `nebosvod fit`."""
     schema = FitMission.model_json_schema(by_alias=True)
-    schema["properties"] = {key: value for key, value in schema["properties"].items() if key not in NOT_HERE}
     used = {name for value in schema["properties"].values() for ref in _references(value) for name in [ref]}
     definitions = schema["$defs"]
     kept = {

@@ -269,7 +269,7 @@ def test_an_rwo_file_by_itself_gives_orbfits_orbit(
     theirs = orbfit_solution(data / BULK / "410777.oel")
     found = fitted(data / BULK / "410777.rwo")
     assert int(found.general.selected.sum()) == 297
-    assert found.material.timing_sigma_s.max() == 0.0
+    assert found.material.exposures.timing_sigma_s.max() == 0.0
     orbit = state_at(found, theirs.epoch)
     gap = orbit.state - theirs.state
     assert np.sum(np.linalg.solve(orbit.S, gap) ** 2) < 0.5
