@@ -225,7 +225,7 @@ def test_a_selection_that_does_not_stand_is_said(fit, monkeypatch):
 def test_no_default_clock_where_timing_is_a_source(made, ephemeris, capsys):
     def clocks(more):
         one = made(more)
-        return prepare(one.records, one.mission, ephemeris).timing_sigma_s
+        return prepare(one.records, one.mission, ephemeris).exposures.timing_sigma_s
 
     assert np.all(clocks("") >= 1.0)
     assert not clocks(ALL_TIMING).any()
