@@ -14,6 +14,7 @@ import numpy.typing as npt
 from scipy.special import gammaincinv
 
 from nebosvod.errors import GeometryError, InputError
+from nebosvod.estimation.problem.descent import Trial, shortened
 from nebosvod.estimation.problem.square_root import (
     covariance_factor,
     left_inverse,
@@ -28,7 +29,6 @@ from nebosvod.estimation.problem.square_root import (
 
 Array = npt.NDArray[np.float64]
 Measure = Callable[[Array], tuple[Array, Array]]
-SHORTEST = 2.0**-20  # of a step
 Draws = Mapping[int, float]
 SIDES = (-1.0, 1.0)
 CORNER = float(np.sqrt(3.0))  # sigmas to the points that show mixed curvature
@@ -177,15 +177,19 @@ def iterated_update(
             break
         if np.max(np.abs(step) / unit) <= tolerance:
             return posterior, innovation, bool(np.isfinite(best))
-        fraction = 1.0
+        begun = (point, step)
+
+        def attempt(fraction: float, begun: tuple[Array, Array] = begun) -> Trial[Array]:
+            there = begun[0] + fraction * begun[1]
+            cost = _cost(belief, there, psi, measure, R)
+            return Trial(point=there, cost=cost, own_cost=cost)
+
         # Damping keeps a strongly curved measurement from throwing the point away; the same step, shortened. What
         # round-off adds to a cost must not stop it at the minimum.
-        bound = best + 1e-10 * max(best, 1.0)
-        while (cost := _cost(belief, point + fraction * step, psi, measure, R)) > bound and fraction >= SHORTEST:
-            fraction *= 0.5
-        if fraction < SHORTEST:
+        found = shortened(attempt, best + 1e-10 * max(best, 1.0), 0.0)
+        if found is None:
             break  # no step makes the cost smaller: the partials are wrong, or the point is where they jump
-        point, best = point + fraction * step, min(cost, best)
+        point, best = found[0].point, min(found[0].cost, best)
     return Belief(mean=point, factor=posterior.factor), innovation, False
 
 

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nebosvod.errors import CoverageError, EventError, InputError
+from nebosvod.estimation.problem.descent import Step, Trial, descend
 from nebosvod.estimation.problem.estimate import Estimate, Status
 from nebosvod.estimation.problem.partition import Partition
 from nebosvod.estimation.problem.problem import LinearProblem
@@ -21,9 +22,6 @@ from nebosvod.estimation.solvers.batch import solve as solve_batch
 
 Array = npt.NDArray[np.float64]
 Linearise = Callable[[Mapping[str, float]], LinearProblem]
-ARMIJO = 1e-4
-SHORTEST = 2.0**-20
-GROWTH = 0.01  # of a cost, which second-order terms may add to what a linear step makes of it
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -87,47 +85,49 @@ def gauss_newton(
     are those where it begins: what the position of a telescope does to a direction goes with the distance, so a cost
     weighed anew has another gradient than the step, and no step, however short, need make it smaller.
     """
-    point = dict(start or {})
-    problem = linearise(point)
-    names = problem.names("estimated")
-    point = {name: float(point.get(name, 0.0)) for name in names}
-    costs, lengths, dampings = [cost(recentred(problem, point))], [], []
-    status = Status.ITERATION_LIMIT
-    estimate = solve(recentred(problem, point))
-    allowed = costs[0] if damped else max(costs[0], _linear_cost(recentred(problem, point), estimate))
-    for _ in range(limit):
+    begin = dict(start or {})
+    problem = linearise(begin)
+    begin = {name: float(begin.get(name, 0.0)) for name in problem.names("estimated")}
+
+    def solved(at: Linearised, value: float) -> Step[Estimate]:
+        here = at.recentred
+        estimate = solve(here)
         if estimate.solution is None:
-            status = Status.NOT_OBSERVABLE
-            break
-        if not _sound(estimate, costs[-1]):
-            status = Status.DIVERGED
-            break
-        length = step_length(estimate)
-        lengths.append(length)
-        if length <= tolerance:
-            # where the partials vanish a step is short in sigmas, however far from any minimum
-            grown = costs[-1] > allowed * (1.0 + GROWTH) + GROWTH
-            status = Status.DIVERGED if grown else Status.CONVERGED
-            break
-        begun = (linearise, point, problem, estimate)
-        found = _damped(*begun, costs[-1]) if damped else _tried(*begun)
-        if found is None:
-            status = Status.DIVERGED
-            break
-        point, problem, _, fraction = found
-        costs.append(cost(recentred(problem, point)))
-        dampings.append(fraction)
-        estimate = solve(recentred(problem, point))
+            return Step(what=estimate, length=float("nan"), promised=0.0)
+        # along the exact descent the cost falls towards the linear minimum
+        promised = max(value - estimate.chi2, 0.0) if damped else value - _linear_cost(here, estimate)
+        sound = _sound(estimate, value)
+        return Step(what=estimate, length=step_length(estimate) if sound else np.inf, promised=promised, sound=sound)
+
+    def attempt(at: Linearised, step: Step[Estimate], fraction: float) -> Trial[Linearised] | None:
+        return _tried(linearise, at, step.what, fraction)
+
+    at = Linearised(deviation=begin, problem=problem)
+    ended = descend(at, cost(at.recentred), solved, attempt, tolerance=tolerance, limit=limit, damped=damped)
+    estimate, status = ended.step.what, ended.status
     return IterationResult(
-        estimate=_about_start(estimate, point),
+        estimate=_about_start(estimate, ended.point.deviation),
         status=status,
         message=estimate.message if status is Status.NOT_OBSERVABLE else status.sentence,
-        iterations=len(dampings),
-        deviation=point,
-        cost=tuple(costs),
-        steps=tuple(lengths),
-        damping=tuple(dampings),
+        iterations=len(ended.damping),
+        deviation=ended.point.deviation,
+        cost=ended.cost,
+        steps=ended.lengths,
+        damping=ended.damping,
     )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Linearised:
+    """A point, by deviations of the estimated parameters from the start, and the problem there."""
+
+    deviation: dict[str, float]
+    problem: LinearProblem
+
+    @property
+    def recentred(self) -> LinearProblem:
+        """The problem with its priors counted from the point."""
+        return recentred(self.problem, self.deviation)
 
 
 def cost(problem: LinearProblem) -> float:
@@ -184,31 +184,13 @@ def _linear_cost(problem: LinearProblem, estimate: Estimate) -> float:
     return cost(recentred(replace(problem, residual=moved), step))
 
 
-def _damped(
-    linearise: Linearise, point: Mapping[str, float], start: LinearProblem, estimate: Estimate, before: float
-) -> tuple[dict[str, float], LinearProblem, float, float] | None:
-    """Halve the step until the cost drops enough; None when no step does."""
-    # Along the exact descent the cost falls from `before` towards the linear minimum.
-    promised = max(before - estimate.chi2, 0.0)
-    fraction = 1.0
-    while fraction >= SHORTEST:
-        found = _tried(linearise, point, start, estimate, fraction)
-        # Round-off of a cost of this size must not stop an iteration that stands at its minimum.
-        if found is not None and found[2] <= before - ARMIJO * fraction * promised + 1e-10 * max(before, 1.0):
-            return found
-        fraction *= 0.5
-    return None
-
-
-def _tried(
-    linearise: Linearise, point: Mapping[str, float], start: LinearProblem, estimate: Estimate, fraction: float = 1.0
-) -> tuple[dict[str, float], LinearProblem, float, float] | None:
-    """Take a fraction of a step: point, problem, cost by the weights of the start; None where there is no problem."""
-    trial = {name: point[name] + fraction * step for name, step in zip(estimate.names, estimate.mean)}
+def _tried(linearise: Linearise, start: Linearised, estimate: Estimate, fraction: float) -> Trial[Linearised] | None:
+    """Take a fraction of a step; None where there is no problem."""
+    deviation = {name: start.deviation[name] + fraction * step for name, step in zip(estimate.names, estimate.mean)}
     try:
-        problem = linearise(trial)
-        weighed = replace(problem, R=start.R, white=start.white, markov=start.markov)
-        return trial, problem, cost(recentred(weighed, trial)), fraction
+        at = Linearised(deviation=deviation, problem=linearise(deviation))
+        weighed = replace(at.problem, R=start.problem.R, white=start.problem.white, markov=start.problem.markov)
+        return Trial(point=at, cost=cost(recentred(weighed, deviation)), own_cost=cost(at.recentred))
     except (InputError, CoverageError, EventError):
         return None  # the start was good; a step may lead out of the domain, or to where values overflow
 

@@ -13,6 +13,7 @@ from nebosvod.dynamics import ForceModel, Trajectory
 from nebosvod.dynamics.impact import fly
 from nebosvod.errors import CoverageError, EventError, InputError
 from nebosvod.estimation import Status
+from nebosvod.estimation.problem.descent import Step, Trial, descend
 from nebosvod.estimation.problem.square_root import Conditioning, append_rows, conditioning, solve_upper
 from nebosvod.observation import Observation
 from nebosvod.observation.measurement.astrometry import compute
@@ -21,8 +22,6 @@ from nebosvod.observation.measurement.exposures import Sky
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 TOLERANCE = 1e-3  # of a sigma, root mean square over the parameters: what is left of the step when it has converged
-ARMIJO = 1e-4
-SHORTEST = 2.0**-20
 # Of a cost, which must not stop an iteration that stands at its minimum: 10^4 km from the Earth directions carry
 # 3e-12 rad, and with residuals of 70 sigma the cost 4e-9 of itself (2024 BX1, all outliers kept)
 ROUND_OFF = 1e-8
@@ -119,24 +118,17 @@ def correct(
         If the start itself cannot be propagated over the observations; later trouble only shortens a step.
     """
     chosen = np.ones(len(sky), dtype=bool) if selected is None else selected
-    point = _at(sky, x, forces, chosen, prior, near)
-    status, iterations, length = Status.ITERATION_LIMIT, 0, np.inf
-    while True:
-        triangle, step = _solved(point.rows)
-        if step is None:
-            status = Status.NOT_OBSERVABLE
-            break
-        length = float(np.linalg.norm(triangle[:, :-1][: len(x)] @ step)) / np.sqrt(len(x))
-        if length <= tolerance:
-            status = Status.CONVERGED
-            break
-        if iterations == limit:
-            break
-        found = _damped(sky, point, step, forces, chosen, prior)
-        if found is None:
-            status = Status.DIVERGED
-            break
-        point, iterations = found, iterations + 1
+    start = _at(sky, x, forces, chosen, prior, near)
+
+    def attempt(point: Point, step: Step[Reduced], fraction: float) -> Trial[Point] | None:
+        try:
+            trial = _at(sky, point.x + fraction * step.what.step, forces, chosen, prior, point)
+        except (EventError, CoverageError, InputError):
+            return None  # an orbit that cannot be propagated has no cost
+        return Trial(point=trial, cost=trial.cost, own_cost=trial.cost)
+
+    ended = descend(start, start.cost, _solved, attempt, tolerance=tolerance, limit=limit, round_off=ROUND_OFF)
+    point, triangle, status = ended.point, ended.step.what.triangle, ended.status
     R = triangle[: len(x), : len(x)]
     condition = conditioning(R)
     if status is not Status.NOT_OBSERVABLE and not condition.observable:
@@ -150,8 +142,8 @@ def correct(
         seen=point.seen,
         residual=point.residual,
         cost=point.cost,
-        step=length,
-        iterations=iterations,
+        step=ended.lengths[-1] if ended.lengths else np.inf,
+        iterations=len(ended.damping),
     )
 
 
@@ -182,33 +174,24 @@ def _at(
     )
 
 
-def _solved(rows: Array) -> tuple[Array, Array | None]:
-    """The triangle of the rows and the full step; None where the rows do not determine it."""
-    size = rows.shape[1] - 1
-    triangle = append_rows(np.zeros((0, size + 1)), rows, CHUNK)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Reduced:
+    """The triangle [R | z] of the rows of a point, and the full step (6 + m,), zero where they do not determine it."""
+
+    triangle: Array
+    step: Array
+
+
+def _solved(point: Point, cost: float) -> Step[Reduced]:
+    """The full step from a point; without a length where its rows do not determine it."""
+    size = len(point.x)
+    triangle = append_rows(np.zeros((0, size + 1)), point.rows, CHUNK)
     if len(triangle) < size + 1:
         triangle = np.vstack([triangle, np.zeros((size + 1 - len(triangle), size + 1))])
-    R = triangle[:size, :size]
+    R, z = triangle[:size, :size], triangle[:size, size]
     diagonal = np.abs(np.diag(R))
     if not (diagonal > 1e-13 * np.linalg.norm(R, axis=0)).all():
-        return triangle, None
-    return triangle, solve_upper(R, triangle[:size, size])
-
-
-def _damped(
-    sky: Sky, point: Point, step: Array, forces: ForceModel, chosen: Flags, prior: Knowledge | None
-) -> Point | None:
-    """Halve the step until the cost drops; an orbit that cannot be propagated has no cost. None when no step does."""
-    explained = point.rows @ np.append(step, 0.0)
-    promised = float(explained @ explained)
-    fraction = 1.0
-    while fraction >= SHORTEST:
-        try:
-            trial = _at(sky, point.x + fraction * step, forces, chosen, prior, point)
-        except (EventError, CoverageError, InputError):
-            trial = None
-        bound = point.cost - ARMIJO * fraction * promised + ROUND_OFF * max(point.cost, 1.0)
-        if trial is not None and trial.cost <= bound:
-            return trial
-        fraction *= 0.5
-    return None
+        return Step(what=Reduced(triangle=triangle, step=np.zeros(size)), length=np.nan, promised=0.0)
+    # |R step| = |z|: the step in sigmas, and what its cost loses
+    what = Reduced(triangle=triangle, step=solve_upper(R, z))
+    return Step(what=what, length=float(np.linalg.norm(z)) / np.sqrt(size), promised=float(z @ z))
