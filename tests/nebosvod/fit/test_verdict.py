@@ -266,3 +266,25 @@ def test_biases_of_star_catalogues_are_taken_off(made, ephemeris, tmp_path):
     moved = (material.observed - one.records.psi) / ARCSEC
     moved[:, 0] *= np.cos(one.records.psi[:, 1])
     np.testing.assert_allclose(moved, np.tile([-0.3, 0.2], (30, 1)), atol=1e-5)
+
+
+def test_a_fit_with_the_orbit_of_the_first_half_as_its_prior_is_the_fit_of_all(made, tmp_path, capsys):
+    """Information adds up, whichever of the two ways it comes in: records, or the covariance they gave."""
+    settings = (
+        "  clock: 0 s\n  epoch: 2023-03-01 TDB\n  rejection: {enabled: false}\n  shared_errors: {treatment: 'off'}\n"
+    )
+    whole = made(settings, n=60, days=80.0).path
+    text, found = whole.read_text("utf-8"), {}
+    head = text[: text.index("object:")]
+    (tmp_path / "first.yaml").write_text(text + "  to: 2023-02-27\n", "utf-8")
+    given = "object:\n  name: made\n  orbit: {kind: file, file: first}\nprior: orbit\n"
+    (tmp_path / "then.yaml").write_text(head + given + text[text.index("fit:") :] + "  from: 2023-02-27\n", "utf-8")
+    for name in ("made", "first", "then"):
+        assert main(["fit", str(tmp_path / f"{name}.yaml"), "-o", str(tmp_path / name)]) == 0
+        found[name] = json.loads((tmp_path / name / "summary.json").read_text("utf-8"))["orbit"]
+    factor = np.array(found["made"]["factor_km_km_s"])
+    gap = np.array(found["then"]["state_km_km_s"]) - found["made"]["state_km_km_s"]
+    assert np.linalg.norm(np.linalg.solve(factor, gap)) < 0.03
+    ratio = np.linalg.solve(factor, np.array(found["then"]["factor_km_km_s"]))
+    np.testing.assert_allclose(np.linalg.svd(ratio, compute_uv=False), 1.0, atol=0.01)
+    assert found["first"]["sigma_position_km"] > 2.0 * found["made"]["sigma_position_km"]
