@@ -176,9 +176,12 @@ def test_merging_moves_every_row_of_every_field(flight, telescope, ephemeris):
 def test_one_state_that_is_no_number_keeps_all_light_times_from_settling():
     heliocentric = np.full((3, 6), 1e8)
     heliocentric[0] = np.nan
-    still = [np.zeros((3, 6)), np.zeros((3, 3)), np.zeros((3, 6))]
-    buffers = [np.empty(shape) for shape in ((3, 6), (3, 3), 3, 3, (3, 2))]
-    assert np.isnan(rows.lines_of_sight(np.zeros(3), heliocentric, *still, 0.1, 1e-9, *buffers)  # type: ignore[call-arg])
+    sun, pull, telescope = np.zeros((3, 6)), np.zeros((3, 3)), np.zeros((3, 6))
+    target, u, distance, light_time, psi = (np.empty(shape) for shape in ((3, 6), (3, 3), 3, 3, (3, 2)))
+    largest = rows.lines_of_sight(
+        np.zeros(3), heliocentric, sun, pull, telescope, 0.1, 1e-9, target, u, distance, light_time, psi
+    )
+    assert np.isnan(largest)
 
 
 def test_the_first_light_time_is_confirmed_by_one_evaluation(flight, telescope, ephemeris, epoch):
