@@ -21,7 +21,8 @@ ROOT = Path(__file__).resolve().parents[2]
 
 def test_rows_are_those_of_the_telescopes_joined_by_time(minimal_setting: Setting) -> None:
     scene, _, nominal = minimal_setting
-    seen = [(t, v.t_s[v.visible]) for t, v in zip(scene.telescopes, scene.visibilities)]
+    at = scene.exposures
+    seen = [(t, at.t_s[at.telescope_index == number]) for number, t in enumerate(at.telescopes)]
     each = [observe(scene.trajectory, telescope, t_s, scene.ephemeris) for telescope, t_s in seen]
     joined = merge(each)
     for name in ("t_s", "telescope_index", "psi", "H_x0", "H_c", "noise", "Phi_emission"):

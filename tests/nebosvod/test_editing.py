@@ -12,7 +12,7 @@ from astropy.time import Time, TimeDelta
 
 from nebosvod import load_mission, run
 from nebosvod.errors import InputError
-from nebosvod.mission import Mission, list_missions, load_fit, load_mission_text, template_text
+from nebosvod.mission import FitMission, Mission, list_missions, load_fit, load_mission_text, template_text
 from nebosvod.mission.editing import as_text, as_tree
 from nebosvod.mission.fields import epoch_text
 from nebosvod.timescale import Epoch
@@ -144,6 +144,6 @@ def test_fits_are_edited_too(tmp_path: Path) -> None:
     assert json.dumps(as_tree(later))
 
 
-def load_mission_again(folder: Path, text: str) -> Mission:
+def load_mission_again(folder: Path, text: str) -> FitMission:
     (folder / "again.yaml").write_text(text)
     return load_fit(folder / "again.yaml")

@@ -209,7 +209,7 @@ class Dense:
         self.earlier = epoch + EARLIER_S
         back = propagate(scene.state, epoch, np.array([EARLIER_S]), scene.forces, sensitivities=False)
         self.start = back.state[0]
-        self.t_s = [scene.visibilities[number].t_s[scene.visibilities[number].visible] for number in range(2)]
+        self.t_s = [scene.exposures.t_s[scene.exposures.telescope_index == number] for number in range(2)]
         assert all(np.array_equal(times, np.arange(7) * 5 * 86400.0) for times in self.t_s)
 
     def sky(self, moved: Array, A2: float = 0.0, ln_radius: float = 0.0, mass_kg: float = 0.0) -> Array:
