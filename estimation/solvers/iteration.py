@@ -105,6 +105,8 @@ def gauss_newton(
     at = Linearised(deviation=begin, problem=problem)
     ended = descend(at, cost(at.recentred), solved, attempt, tolerance=tolerance, limit=limit, damped=damped)
     estimate, status = ended.step.what, ended.status
+    if status is Status.CONVERGED and len(ended.damping) == limit:
+        status = Status.ITERATION_LIMIT  # the limit counts the step that would have shown it
     return IterationResult(
         estimate=_about_start(estimate, ended.point.deviation),
         status=status,
