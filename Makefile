@@ -68,8 +68,9 @@ bench-all: $(STAMP)
 	@for script in benchmarks/*.py; do echo "== $$script"; $(BIN)/python $$script || exit 1; done
 
 fuzz: $(STAMP)
-	NEBOSVOD_FUZZ_CASES=100000 $(BIN)/pytest tests/nebosvod/test_fuzz.py tests/nebosvod/test_folder_fuzz.py \
-		tests/nebosvod/orbits/test_orbit_fuzz.py tests/observation/test_astrometry_fuzz.py tests/observation/test_spacecraft_fuzz.py
+	NEBOSVOD_FUZZ_CASES=100000 $(BIN)/pytest tests/nebosvod/mission/reading/test_fuzz.py \
+		tests/nebosvod/results/test_folder_fuzz.py tests/nebosvod/orbits/test_orbit_fuzz.py \
+		tests/observation/formats/test_astrometry_fuzz.py tests/observation/spacecraft/test_spacecraft_fuzz.py
 
 schema: $(STAMP)
 	$(BIN)/nebosvod schema > scenarios/nebosvod.schema.json

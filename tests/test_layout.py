@@ -226,6 +226,20 @@ def test_no_module_is_longer_than_600_lines() -> None:
     assert not long
 
 
+TESTS = sorted((ROOT / "tests").rglob("*.py"))
+# beside the rooms: the stages as wholes, tests of what stands outside the code, real objects, inputs
+OTHER_TESTS = {"tests", "nebosvod", "observation", "estimation", "benchmarks", "examples", "nebosvod/fits/real"}
+
+
+def test_tests_stand_in_the_rooms_of_their_subjects() -> None:
+    folders = {path.parent.relative_to(ROOT / "tests").as_posix() for path in TESTS if path.parent != ROOT / "tests"}
+    assert folders - OTHER_TESTS <= {room for room in ROOMS if (ROOT / room).is_dir()}
+
+
+def test_no_test_module_is_much_longer_than_600_lines() -> None:
+    assert {path.name: n for path in TESTS if (n := len(path.read_text("utf-8").splitlines())) > 620} == {}
+
+
 def test_no_function_is_longer_than_60_lines_of_code() -> None:
     long = []
     for path in CODE:

@@ -11,7 +11,7 @@ from nebosvod.estimation.filters import consider
 from nebosvod.estimation.filters.consider import Audit, ConsiderBelief
 from nebosvod.estimation.solvers import batch
 
-DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "filters" / "odtbx_cases_1_2.json"
+DATA = Path(__file__).resolve().parents[4] / "shared" / "data" / "filters" / "odtbx_cases_1_2.json"
 
 
 def setup(seed, n=15, s=3, r=2, p=2):

@@ -9,7 +9,7 @@ from rich.console import Console
 from nebosvod import load_mission, run
 from nebosvod.commands.run_answer import print_answer
 
-MINIMAL = Path(__file__).parents[2] / "scenarios" / "minimal.yaml"
+MINIMAL = Path(__file__).parents[3] / "scenarios" / "minimal.yaml"
 PRIOR = "prior: {sigma: {position: 1000 km, velocity: 1 m/s}}\n"
 
 

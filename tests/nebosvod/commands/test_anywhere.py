@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 PROGRAM = [sys.executable, "-m", "nebosvod"]
 TRAP = "import os\nopen(os.path.join(os.path.dirname(__file__), 'executed'), 'a').write(__name__)\n"
 TRAPPED = (

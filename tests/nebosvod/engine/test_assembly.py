@@ -16,7 +16,7 @@ from nebosvod.scene.prior import PriorTable
 from nebosvod.scene.scene import Scene
 
 Setting = tuple[Scene, PriorTable, View]
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 
 
 def test_rows_are_those_of_the_telescopes_joined_by_time(minimal_setting: Setting) -> None:

@@ -13,7 +13,7 @@ import nebosvod
 from nebosvod.cli import main
 from nebosvod.mission import load_mission
 
-SHARED = Path(__file__).resolve().parents[3] / "shared"
+SHARED = Path(__file__).resolve().parents[4] / "shared"
 # 50 m across, seen from about L1 a month before; right probability 0.908: the normal distribution on the b-plane by
 # numerical integration over the disc, and 4000 orbits integrated through the encounter (0.908 +- 0.005)
 IMPACTOR = """schema_version: 1

@@ -17,7 +17,7 @@ from nebosvod.mission.editing import as_text, as_tree
 from nebosvod.mission.fields import epoch_text
 from nebosvod.timescale import Epoch
 
-ROOT = Path(__file__).resolve().parent.parent.parent
+ROOT = Path(__file__).resolve().parents[3]
 NAMES = [name for name, _ in list_missions()]
 MINIMAL = (ROOT / "scenarios" / "minimal.yaml").read_text("utf-8")
 

@@ -23,7 +23,7 @@ from nebosvod.scene.scene import force_model
 from nebosvod.timescale import Epoch
 from nebosvod.units import AU_KM
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 SBDB = ROOT.parent / "shared" / "data" / "orbits" / "sbdb"
 BASE = (ROOT / "scenarios" / "apophis-2029.yaml").read_text("utf-8")
 RADIUS = "radius: {value: 170 m, sigma: 20 m, treatment: estimated}"

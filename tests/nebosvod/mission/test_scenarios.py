@@ -22,7 +22,7 @@ from nebosvod.results.result import Result
 from nebosvod.timescale import Epoch
 from nebosvod.units import AU_KM
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 SBDB = ROOT.parent / "shared" / "data" / "orbits" / "sbdb" / "99942_phys.json"
 NAMES = [name for name, _ in list_missions()]
 ARCSEC = math.pi / 648000.0

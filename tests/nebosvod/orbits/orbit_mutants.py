@@ -24,10 +24,10 @@ from nebosvod.dynamics import Ephemeris
 from nebosvod.errors import InputError
 
 HERE = Path(__file__).resolve().parent
-sys.path[:0] = [str(HERE), str(HERE.parent)]
+sys.path[:0] = [str(HERE), str(HERE.parent / "results")]
 
-import conftest as seeds  # noqa: E402 - beside this file
-from folder_mutants import FILES, TooLong, alarm, mutated_json  # noqa: E402
+import conftest as seeds  # type: ignore[import-not-found]  # noqa: E402 - beside this file
+from folder_mutants import FILES, TooLong, alarm, mutated_json  # type: ignore[import-not-found]  # noqa: E402
 
 LIMIT_BYTES, LIMIT_S = 1_000_000_000, 20
 WORDS = (

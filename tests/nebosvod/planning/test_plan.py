@@ -24,7 +24,7 @@ from nebosvod.timescale import Epoch
 
 NAME = "ten days later"
 SCHEMA = json.loads((Path(nebosvod.__file__).parent / "planning" / "plan.schema.json").read_text("utf-8"))
-PAGE = (Path(__file__).resolve().parents[2] / "docs" / "validation-command.md").read_text("utf-8")
+PAGE = (Path(__file__).resolve().parents[3] / "docs" / "validation-command.md").read_text("utf-8")
 HOUR = 3600.0
 DAY = 24 * HOUR
 # between the mission's own epochs, so that a schedule can hold each candidate as an arc of its own

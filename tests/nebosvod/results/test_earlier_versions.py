@@ -21,7 +21,7 @@ from nebosvod.pipeline import run
 from nebosvod.results.folder import SCHEMAS, read_folder
 from nebosvod.version import __version__
 
-DATA = Path(__file__).resolve().parents[1] / "data" / "version_0_1_0"
+DATA = Path(__file__).resolve().parents[2] / "data" / "version_0_1_0"
 MISSIONS = ("apophis-2029", "apophis-heliocentric", "minimal", "neomir-like", "small", "soda-like", "surveyor-venus")
 
 

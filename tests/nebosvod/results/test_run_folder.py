@@ -18,7 +18,7 @@ from nebosvod.cli import main
 from nebosvod.report.pages import report_text
 from nebosvod.results.result import OwnedFolder, Result
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 PROGRAM = [sys.executable, "-m", "nebosvod"]
 
 

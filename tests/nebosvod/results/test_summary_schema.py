@@ -9,7 +9,7 @@ import pytest
 from nebosvod.mission import load_mission
 from nebosvod.pipeline import run
 
-SCHEMA = Path(__file__).resolve().parents[2] / "nebosvod" / "results" / "summary.schema.json"
+SCHEMA = Path(__file__).resolve().parents[3] / "nebosvod" / "results" / "summary.schema.json"
 
 
 @pytest.mark.parametrize("mission", ["apophis-2029", "soda-like"])

@@ -19,7 +19,7 @@ from nebosvod.scene.prior import PriorTable
 from nebosvod.scene.scene import Scene, build_scene
 
 Setting = tuple[Scene, PriorTable, View]
-DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
+DATA = Path(__file__).resolve().parents[4] / "shared" / "data"
 JWST = DATA / "observers" / "jwst_horizons_20200101_20240101_v01.bsp"
 OEM = DATA / "formats" / "ccsds" / "AstroForgeSC_Optical.oem"
 AHEAD = "orbit: {kind: heliocentric, lead: 10 deg}"

@@ -70,7 +70,7 @@ def test_the_result_follows_its_schema(campaign_of_four: Path) -> None:
 
 
 def test_the_page_of_the_command_names_every_key(campaign_of_four: Path) -> None:
-    page = (Path(__file__).resolve().parents[2] / "docs" / "validation-command.md").read_text("utf-8")
+    page = (Path(__file__).resolve().parents[3] / "docs" / "validation-command.md").read_text("utf-8")
     found = read(campaign_of_four)
     judged = found["estimators"][0]["judged"]["true"]
     keys = {*found, *found["estimators"][0], *judged, *judged["nees_quantiles"], *judged["directions"][0]}

@@ -13,7 +13,7 @@ from nebosvod.observation.formats.reading import parse_astrometry, read_astromet
 from nebosvod.observation.formats.records import Astrometry, joined
 from nebosvod.observation.formats.source_file import SourceFile
 
-DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
+DATA = Path(__file__).resolve().parents[4] / "shared" / "data"
 needs_data = pytest.mark.skipif(not DATA.is_dir(), reason="reference observations are not here")
 ARCSEC = np.pi / 648000.0
 HEADER = "permID|provID|mode|stn|obsTime|ra|dec|rmsRA|rmsDec|rmsCorr|astCat|mag|band|disc"

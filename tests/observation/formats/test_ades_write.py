@@ -13,7 +13,7 @@ from nebosvod.observation.formats.reading import parse_astrometry, read_astromet
 from nebosvod.observation.formats.records import Astrometry
 from nebosvod.observation.formats.source_file import SourceFile
 
-DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "observations"
+DATA = Path(__file__).resolve().parents[4] / "shared" / "data" / "observations"
 needs_data = pytest.mark.skipif(not DATA.is_dir(), reason="reference observations are not here")
 ARCSEC = np.pi / 648000.0
 COLUMNS = """

@@ -14,7 +14,7 @@ from nebosvod.observation.formats.mpc80 import parse
 from nebosvod.observation.formats.records import Astrometry
 from nebosvod.observation.formats.source_file import SourceFile
 
-DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "observations"
+DATA = Path(__file__).resolve().parents[4] / "shared" / "data" / "observations"
 needs_data = pytest.mark.skipif(not DATA.is_dir(), reason="reference observations are not here")
 GROUND = "     K05TH3M  C2005 10 09.20072 21 31 27.04 -00 10 33.9          19.2 Vrp0839703"
 S_LINE = "j4767K10F61M  S2010 03 26.79569 06 54 24.99 +42 59 21.9                L~0KAAC51"

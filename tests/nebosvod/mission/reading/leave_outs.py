@@ -1,7 +1,7 @@
 """What may be left out of a file, emptied or treated otherwise: variants of a tree, and what the commands say of them.
 
-python tests/nebosvod/leave_outs.py MISSION [FOLDER [FIRST LAST]] tries every variant of a file (or a built-in mission,
-or "template") and prints what does not agree.
+python tests/nebosvod/mission/reading/leave_outs.py MISSION [FOLDER [FIRST LAST]] tries every variant of a file (or a
+built-in mission, or "template") and prints what does not agree.
 """
 
 import contextlib

@@ -18,7 +18,7 @@ import pytest
 
 from nebosvod.cli import main
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[4]
 SEEDS = [path.read_text("utf-8") for path in sorted((ROOT / "scenarios").glob("*.yaml"))]
 CASES = int(os.environ.get("NEBOSVOD_FUZZ_CASES", "5000"))
 LIMIT_S = 2.0  # CPU seconds for one file

@@ -18,7 +18,7 @@ from nebosvod.timescale import Epoch
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 import leave_outs  # type: ignore[import-not-found]
 
-ROOT = Path(__file__).resolve().parent.parent.parent
+ROOT = Path(__file__).resolve().parents[4]
 MINIMAL = (ROOT / "scenarios" / "minimal.yaml").read_text("utf-8")
 WITHOUT_PREDICTIONS = MINIMAL[: MINIMAL.index("predictions:")]
 
@@ -47,7 +47,7 @@ def test_a_mission_without_predictions_gives_the_orbit_and_its_budget(
         assert main(command) == 0
 
 
-HERE = Path(__file__).resolve().parent
+HERE = Path(__file__).resolve().parents[2]
 EVERYTHING = HERE / "everything"
 NAMES = [*(name for name, _ in list_missions()), "template"]
 FILES = ["mission.yaml", "prior.yaml", "fit.yaml"]

@@ -17,7 +17,7 @@ from nebosvod.pipeline import run
 from nebosvod.scene.scene import build_scene
 from nebosvod.timescale import Epoch
 
-ROOT = Path(__file__).resolve().parent.parent.parent
+ROOT = Path(__file__).resolve().parents[4]
 MINIMAL = (ROOT / "scenarios" / "minimal.yaml").read_text("utf-8")
 ENDS = ("1990-01-01T00:00:00 TDB", "2060-01-01T00:00:00 TDB")
 KINDS = (

@@ -11,7 +11,7 @@ from nebosvod.errors import InputError
 from nebosvod.mission import load_mission_text, mission_schema
 from nebosvod.mission.yaml.yamlfile import parse_yaml
 
-SCENARIOS = Path(__file__).resolve().parents[2] / "scenarios"
+SCENARIOS = Path(__file__).resolve().parents[4] / "scenarios"
 FILES = sorted(SCENARIOS.glob("*.yaml"))
 BASE = (SCENARIOS / "apophis-2029.yaml").read_text("utf-8")
 

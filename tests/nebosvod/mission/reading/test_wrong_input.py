@@ -12,7 +12,7 @@ import pytest
 from nebosvod.cli import main
 from nebosvod.mission.reading import rules
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[4]
 BASE = (ROOT / "scenarios" / "apophis-2029.yaml").read_text("utf-8")
 RADIUS = "radius: {value: 170 m, sigma: 20 m, treatment: estimated}"
 BATCH = "{name: batch, method: batch_qr}"
