@@ -26,7 +26,12 @@ STEP = 1e-40  # of the complex step: its square vanishes, whatever the unit of t
 
 @bordered()
 def cometary_to_state(elements: npt.ArrayLike, gm_km3_s2: float) -> tuple[Array, Array]:
-    """State (6,) and its Jacobian (6, 6) by [e, q_km, tp_s, node, peri, i]; tp counts from the epoch of the state."""
+    """State (6,) and its Jacobian (6, 6) by [e, q_km, tp_s, node, peri, i]; tp counts from the epoch of the state.
+
+    References
+    ----------
+    Danby, Fundamentals of Celestial Mechanics, 6.9 (universal variables).
+    """
     x = _six(elements, "cometary elements")
     if x[0] < 0.0 or x[1] <= 0.0:
         raise InputError(f"cometary elements: e = {x[0]}, q = {x[1]} km; needs e >= 0 and q > 0")
@@ -46,7 +51,12 @@ def keplerian_to_state(elements: npt.ArrayLike, gm_km3_s2: float) -> tuple[Array
 
 @bordered()
 def equinoctial_to_state(elements: npt.ArrayLike, gm_km3_s2: float) -> tuple[Array, Array]:
-    """State (6,) and its Jacobian (6, 6) by [a_km, h, k, p, q, lambda]; ellipses only."""
+    """State (6,) and its Jacobian (6, 6) by [a_km, h, k, p, q, lambda]; ellipses only.
+
+    References
+    ----------
+    Broucke, Cefola 1972, Celestial Mechanics 5, 303.
+    """
     x = _six(elements, "equinoctial elements")
     if x[0] <= 0.0 or x[1] ** 2 + x[2] ** 2 >= 1.0:
         raise InputError(f"equinoctial elements: a = {x[0]} km, h = {x[1]}, k = {x[2]}; needs a > 0 and h^2 + k^2 < 1")
@@ -85,7 +95,12 @@ def state_to_keplerian(state: npt.ArrayLike, gm_km3_s2: float) -> tuple[Array, A
 
 @bordered(state=STATE)
 def state_to_equinoctial(state: npt.ArrayLike, gm_km3_s2: float) -> tuple[Array, Array]:
-    """[a_km, h, k, p, q, lambda] of an elliptic state, and the Jacobian (6, 6) of elements by state."""
+    """[a_km, h, k, p, q, lambda] of an elliptic state, and the Jacobian (6, 6) of elements by state.
+
+    References
+    ----------
+    Broucke, Cefola 1972, Celestial Mechanics 5, 303.
+    """
     x = _six(state, "state")
     position, velocity = x[:3], x[3:]
     r = float(np.sqrt(position @ position))

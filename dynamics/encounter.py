@@ -69,6 +69,10 @@ class TargetPlane:
     v_infinity_km_s : speed at infinity, or nan for a captured orbit (mtp only).
     capture_radius_km : orbits crossing the plane closer than this hit the body: its radius, in the b-plane times the
         gravitational focusing sqrt(1 + v_esc^2/v_inf^2).
+
+    References
+    ----------
+    Milani et al. 2002, Icarus 159, 284; Valsecchi et al. 2003, A&A 408, 1179.
     """
 
     kind: Plane
@@ -136,6 +140,10 @@ def target_plane(trajectory: Trajectory, encounter: Encounter, kind: Plane = "b_
         If the b-plane is asked for and the orbit is captured (no incoming asymptote).
     InputError
         For an unknown kind, or a trajectory without sensitivities.
+
+    References
+    ----------
+    Milani et al. 2002, Icarus 159, 284; Valsecchi et al. 2003, A&A 408, 1179.
     """
     if kind not in ("b_plane", "mtp"):
         raise InputError(f'target plane "{kind}" is unknown (allowed: b_plane, mtp)')

@@ -82,6 +82,10 @@ class Ephemeris:
     path, asteroids_path : the files in use.
     gm_km3_s2 : mapping from body name to GM, km^3/s^2.
     scalars : mapping of the constants fitted with the ephemeris (au, c, mass ratio, harmonics, radii).
+
+    References
+    ----------
+    Park, Folkner, Williams, Boggs 2021, AJ 161, 105: DE440 and DE441.
     """
 
     source: str

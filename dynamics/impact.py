@@ -93,7 +93,12 @@ def events(trajectory: Trajectory, body: str, within_km: float = np.inf) -> list
 
 
 def b_plane(trajectory: Trajectory, event: Encounter, hits: bool) -> tuple[TargetPlane | None, str]:
-    """The b-plane of an encounter, of an impact that at its gate; None for a captured orbit, with the reason."""
+    """The b-plane of an encounter, of an impact that at its gate; None for a captured orbit, with the reason.
+
+    References
+    ----------
+    Milani et al. 2002, Icarus 159, 284; Valsecchi et al. 2003, A&A 408, 1179.
+    """
     try:
         return target_plane(trajectory, gate(trajectory, event) if hits else event, kind="b_plane"), ""
     except GeometryError as error:

@@ -67,6 +67,10 @@ def propagate(
         If it takes too many steps; says how far it came.
     EventError
         If it comes to a singularity.
+
+    References
+    ----------
+    Hairer, Lubich, Wanner 2006, Geometric Numerical Integration: Gauss collocation.
     """
     start, times, low, high = _checked(state_km_km_s, t_s)
     if not 1 <= most_steps <= integrator.MOST_STEPS:

@@ -46,7 +46,11 @@ def height_km(body: str, position_km: Array, epoch: Epoch, t_s: Array) -> Array:
 
     Notes
     -----
-    Above the Earth along the normal of the ellipsoid of WGS 84 (Fukushima 2006, by erfa); above others from a sphere.
+    Above the Earth along the normal of the ellipsoid of WGS 84 (by erfa); above others from a sphere.
+
+    References
+    ----------
+    Fukushima 2006, Journal of Geodesy 79, 689.
     """
     distance = np.linalg.norm(position_km, axis=1)
     if body != "earth":

@@ -39,7 +39,12 @@ def stumpff(z: Analytic) -> tuple[Analytic, Analytic, Analytic, Analytic]:
 
 
 def universal(s: Analytic, beta: Analytic) -> tuple[Analytic, Analytic, Analytic, Analytic]:
-    """U_0 .. U_3 at the fictitious time s."""
+    """U_0 .. U_3 at the fictitious time s.
+
+    References
+    ----------
+    Danby, Fundamentals of Celestial Mechanics, 6.9.
+    """
     c0, c1, c2, c3 = stumpff(beta * s * s)
     return c0, s * c1, s * s * c2, s * s * s * c3
 
@@ -107,6 +112,10 @@ def kepler(state: npt.ArrayLike, t_s: npt.ArrayLike, gm_km3_s2: float) -> Array:
     ------
     InputError
         If the state is not six finite numbers or at the centre.
+
+    References
+    ----------
+    Danby, Fundamentals of Celestial Mechanics, 6.9.
     """
     x = np.asarray(state, dtype=np.float64)
     if x.shape != (6,) or not np.isfinite(x).all() or not x[:3].any():

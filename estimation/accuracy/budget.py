@@ -32,7 +32,12 @@ class Share:
 
 
 def shares(estimate: Estimate, names: Sequence[str]) -> tuple[Share, ...]:
-    """Budget of a group of parameters, largest share first; the shares sum to 1."""
+    """Budget of a group of parameters, largest share first; the shares sum to 1.
+
+    References
+    ----------
+    Guo, Ivashkin 2018, KIAM preprint 213, sections 2.3.3-2.6.
+    """
     matrix = np.eye(len(names))
     return prediction_shares(estimate.predict(matrix, names))
 
@@ -311,7 +316,12 @@ def _common_nuisance(problem: LinearProblem, sources: Sequence[str] | None) -> t
 
 
 def critical_sigma(R: Array, H: Array) -> Array:
-    """Sigma (n,) of an isotropic nuisance whose effect equals the noise: sqrt(tr R) / |H|_F."""
+    """Sigma (n,) of an isotropic nuisance whose effect equals the noise: sqrt(tr R) / |H|_F.
+
+    References
+    ----------
+    Guo, Ivashkin 2018, KIAM preprint 213, (3.17)-(3.31).
+    """
     critical: Array = np.sqrt(np.einsum("npp->n", R)) / np.sqrt(np.einsum("npq,npq->n", H, H))
     return critical
 

@@ -36,7 +36,12 @@ class Consistency:
 
 
 def nees(errors: Array, factor: Array) -> Array:
-    """Normalised squared errors (N,) of errors (N, d) through a square factor (d, d) or one for each run (N, d, d)."""
+    """Normalised squared errors (N,) of errors (N, d) through a square factor (d, d) or one for each run (N, d, d).
+
+    References
+    ----------
+    Bar-Shalom, Li, Kirubarajan 2001, Estimation with Applications to Tracking and Navigation.
+    """
     squares: Array = np.sum(_whitened(errors, factor) ** 2, axis=1)
     return squares
 
@@ -48,6 +53,10 @@ def judge(errors: Array, factor: Array, level: float = 0.01) -> Consistency:
     ----------
     factor : shape (d, d) or (N, d, d), nonsingular.
     level : family error of the whole verdict; half for the mean, half shared by the components (Bonferroni).
+
+    References
+    ----------
+    Bar-Shalom, Li, Kirubarajan 2001, Estimation with Applications to Tracking and Navigation.
     """
     white = _whitened(errors, factor)
     runs, size = white.shape
@@ -91,8 +100,13 @@ def residual_pattern(series: npt.ArrayLike, lags: int = 10) -> Pattern:
 
     Notes
     -----
-    Runs about zero (Wald and Wolfowitz); Q = n (n + 2) sum r_l^2 / (n - l) is chi-square with `lags` degrees of
+    Runs about zero; Q = n (n + 2) sum r_l^2 / (n - l) is chi-square with `lags` degrees of
     freedom when there is no correlation. Normal places can hide it, so test before compressing.
+
+    References
+    ----------
+    Wald, Wolfowitz 1940, Annals of Mathematical Statistics 11, 147: runs.
+    Ljung, Box 1978, Biometrika 65, 297: Q.
     """
     values = np.asarray(series, dtype=np.float64)
     n = values.size
@@ -119,7 +133,12 @@ def residual_pattern(series: npt.ArrayLike, lags: int = 10) -> Pattern:
 
 
 def binomial_interval(successes: int, runs: int, level: float = 0.01) -> tuple[float, float]:
-    """Interval of a probability from successes in runs (Clopper and Pearson)."""
+    """Interval of a probability from successes in runs, exact.
+
+    References
+    ----------
+    Clopper, Pearson 1934, Biometrika 26, 404.
+    """
     grid = np.linspace(0.0, 1.0, 20001)
     below = betainc(successes, runs - successes + 1, grid) if successes else np.ones_like(grid)
     above = betainc(successes + 1, runs - successes, grid) if successes < runs else np.zeros_like(grid)

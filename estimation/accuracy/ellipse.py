@@ -119,7 +119,12 @@ def normalized_distance(factor: npt.ArrayLike, offset: npt.ArrayLike) -> float:
 
 
 def maximum_deviation(mean: npt.ArrayLike, sigma: npt.ArrayLike, level: float = 3.0) -> Array:
-    """Largest deviation to expect: |mean| + level sigma, component by component."""
+    """Largest deviation to expect: |mean| + level sigma, component by component.
+
+    References
+    ----------
+    Guo, Ivashkin 2018, KIAM preprint 213, (3.5).
+    """
     return np.abs(np.asarray(mean, dtype=np.float64)) + level * np.asarray(sigma, dtype=np.float64)
 
 

@@ -191,6 +191,11 @@ def few_measurements(U: Array, sigma: Array, p: Array) -> FewMeasurements:
     from the others (Lidov 1964). The covariance of six measurements with the information of the others added,
     [iK_r0 + sum iG_k]^-1 (Platonov and Ivanov 2013, pp. 135-138), supposes independent errors; it is then the
     covariance of all measurements whichever six begin the sum, and K_r0 bounds it from above: see `base_bound`.
+
+    References
+    ----------
+    Lidov 1964.
+    Platonov, Ivanov 2013, Methods of measurement processing, pp. 135-138.
     """
     from scipy.optimize import linprog  # 0.7 s of import, for this search alone
 

@@ -43,6 +43,10 @@ def shift(
     -----
     The estimator is asked what it makes of the means alone: its response to the residuals they cause, minus the means
     of the parameters themselves. Where only common parameters are off, `Estimate.mean_shift` has it without a solution.
+
+    References
+    ----------
+    Guo, Ivashkin 2018, KIAM preprint 213, (3.2), (3.5).
     """
     columns = {
         name: block.H[:, :, k] for block in problem.blocks if block.treatment != "fixed"

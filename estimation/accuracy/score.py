@@ -71,8 +71,12 @@ def sigmas(statistic: float, freedom: float) -> float:
 def among(significance: float, tried: int) -> float:
     """The sigmas that are as rare as it is that any of so many independent tests exceeds this significance.
 
-    The correction of Sidak (1967, J. Am. Stat. Assoc. 62, 626); tests that hang together are fewer than they seem, so
+    The correction of Sidak; tests that hang together are fewer than they seem, so
     that it errs on the careful side. Zero where chance would bring it.
+
+    References
+    ----------
+    Sidak 1967, J. Am. Stat. Assoc. 62, 626.
     """
     chance = 2.0 * float(ndtr(-significance))
     if chance * tried < 1e-280:
@@ -117,6 +121,11 @@ def score_test(
     answer rests on few clusters, s^2 is at least one. Records count in s^2 as they pull the answer. The slope of
     measurements left out of the estimate is counted in, so that a whole group that was rejected is tested like one
     that was not.
+
+    References
+    ----------
+    Rao 1948, Proc. Camb. Phil. Soc. 44, 50.
+    White 1982, Econometrica 50, 1; Liang, Zeger 1986, Biometrika 73, 13: variances by cluster.
     """
     trusting = everyone or inside.mean() <= 0.5  # else gross errors would lead
     used = np.ones(len(q), dtype=np.bool_) if trusting else inside.copy()

@@ -149,7 +149,11 @@ def equivalent_measurement(prior: Belief, posterior: Belief, tolerance: float = 
     Notes
     -----
     L = chol(P0), A = iL P iL^T = U diag(a) U^T, mu = 1/a - 1, kept where mu > tolerance; H = U^T iL, R = diag(1/mu),
-    y = H m0 + R U^T iA iL (m - m0). Stepanov, appendix A, in the coordinates of the prior.
+    y = H m0 + R U^T iA iL (m - m0). In the coordinates of the prior.
+
+    References
+    ----------
+    Stepanov, combined algorithm of correlation-extreme navigation (Avtometriya), appendix A.
     """
     L = _regular_factor(prior, "equivalent_measurement")
     half = solve_lower(L, posterior.factor)
@@ -184,7 +188,11 @@ def drift_covariance(P_rate: Array, interval: float) -> Array:
     Notes
     -----
     The error at the end differs from that at a moment t of the interval T by rate (T - t); its mean square over the
-    interval is P_rate T^2 / 3. This is the dQ_L of Stepanov's (31).
+    interval is P_rate T^2 / 3. This is dQ_L.
+
+    References
+    ----------
+    Stepanov, combined algorithm of correlation-extreme navigation (Avtometriya), (31).
     """
     return np.asarray(P_rate, dtype=np.float64) * (interval**2 / 3.0)
 

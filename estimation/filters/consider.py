@@ -55,6 +55,10 @@ def predict(
     """Move to the next epoch: x' = Phi x + zeta c + w_x, c' = F c + w_c (F = I: a constant nuisance).
 
     P' = Phi P Phi^T + Phi C zeta^T + zeta C^T Phi^T + zeta S zeta^T + Q_x; C' = (Phi C + zeta S) F^T.
+
+    References
+    ----------
+    Tapley, Schutz, Born 2004, Statistical Orbit Determination, chapter 6.
     """
     s, r = len(belief.P), len(belief.S)
     noise = np.zeros((s, s)) if Q_x is None else Q_x
@@ -87,6 +91,10 @@ def update(
     -----
     P = (I - K H_x) P (I - K H_x)^T - (I - K H_x) C H_c^T K^T - K H_c C^T (I - K H_x)^T + K (H_c S H_c^T + R) K^T.
     The plain Joseph form without the cross terms is wrong here.
+
+    References
+    ----------
+    Tapley, Schutz, Born 2004, Statistical Orbit Determination, chapter 6.
     """
     across = belief.C @ H_c.T
     if gain == "schmidt":

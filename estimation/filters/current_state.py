@@ -76,6 +76,10 @@ def follow(
     Notes
     -----
     `smoother.smooth(beliefs, moves, Q)` turns the result into beliefs from all measurements.
+
+    References
+    ----------
+    Guo, Ivashkin 2018, KIAM preprint 213, (2.143)-(2.145).
     """
     count = len(residual) - 1
     noises: Sequence[Array | None] = [None] * count if Q is None else Q

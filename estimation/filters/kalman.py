@@ -103,6 +103,11 @@ def update(
     -----
     One orthogonal reduction of [[R^1/2, H S], [0, S]] gives the innovation factor, the gain and the posterior
     factor together, so the covariance cannot lose positive definiteness, which P - K V K^T does for weak priors.
+
+    References
+    ----------
+    Bierman 1977, Factorization Methods for Discrete Sequential Estimation.
+    Tapley, Schutz, Born 2004, Statistical Orbit Determination.
     """
     v = np.atleast_1d(np.asarray(residual, dtype=np.float64))
     p, s = H.shape
@@ -131,6 +136,10 @@ def joseph(P: Array, H: Array, R: Array) -> tuple[Array, Array]:
     """Gain (s, p) and posterior covariance (I - K H) P (I - K H)^T + K R K^T (s, s).
 
     Agrees with the square-root form to 1e-12 for priors of 1e4 in units of the noise, 1e-8 at 1e8, 1e-4 at 1e12.
+
+    References
+    ----------
+    Tapley, Schutz, Born 2004, Statistical Orbit Determination.
     """
     V = H @ P @ H.T + R
     gain = solve_positive(V, H @ P).T
@@ -164,6 +173,10 @@ def iterated_update(
     x_i = x + K_{i-1} [psi - h(x_{i-1}) - H_{i-1} (x - x_{i-1})]: a Gauss-Newton step from the PRIOR, and the
     covariance is updated once, at the end. Guo and Ivashkin (2.146) as printed feeds the posterior back and counts
     the measurement i times; see `iterated_update_as_printed`.
+
+    References
+    ----------
+    Guo, Ivashkin 2018, KIAM preprint 213, (2.146).
     """
     psi = np.atleast_1d(np.asarray(observed, dtype=np.float64))
     point = belief.mean
@@ -227,11 +240,15 @@ def chord(function: Callable[[Array], Array], belief: Belief) -> Chord:
 
     Notes
     -----
-    Statistical linearisation (Platonov and Ivanov 2013, pp. 116-119) with the function expanded in Hermite polynomials
+    Statistical linearisation with the function expanded in Hermite polynomials
     of the whitened state to the third degree: along each axis by four-point Gauss-Hermite quadrature, what two and
     three axes do together by mixed differences over corners at sqrt(3) sigmas. Right for every cubic polynomial, mixed
     terms included: chords along the axes alone give x y no residual at all. The mean shift is E f - f(mean); the
     residual covariance is a sum of squares, so it can not lose sign.
+
+    References
+    ----------
+    Platonov, Ivanov 2013, Methods of measurement processing, pp. 116-119.
     """
     wide = belief.factor
     S = wide if wide.shape[1] <= wide.shape[0] else lower_factor(wide)
@@ -314,7 +331,12 @@ class Information:
 
 
 def inform(information: Information, psi: npt.ArrayLike, H: Array, R: Array) -> Information:
-    """Add a linear measurement psi = H x + v (p,) to square-root information; no prior is needed."""
+    """Add a linear measurement psi = H x + v (p,) to square-root information; no prior is needed.
+
+    References
+    ----------
+    Bierman 1977, Factorization Methods for Discrete Sequential Estimation.
+    """
     size = len(information.triangle)
     try:
         L: Array = np.asarray(np.linalg.cholesky(R), dtype=np.float64)
@@ -327,7 +349,12 @@ def inform(information: Information, psi: npt.ArrayLike, H: Array, R: Array) -> 
 
 
 def normalized_error_squared(belief: Belief, truth: Array) -> float:
-    """NEES of a belief with a nonsingular square factor."""
+    """NEES of a belief with a nonsingular square factor.
+
+    References
+    ----------
+    Bar-Shalom, Li, Kirubarajan 2001, Estimation with Applications to Tracking and Navigation.
+    """
     if belief.factor.shape[0] != belief.factor.shape[1]:
         raise InputError("normalized_error_squared: the belief has no error in some direction")
     return float(np.sum(solve_square(belief.factor, belief.mean - truth) ** 2))

@@ -28,7 +28,11 @@ def smooth(
     Notes
     -----
     P_s = (I - J F) P (I - J F)^T + J Q J^T + J P_s' J^T with J = P F^T iP_pred: a sum of squares, so factors are
-    joined and nothing is subtracted. Rauch, Tung, Striebel 1965.
+    joined and nothing is subtracted.
+
+    References
+    ----------
+    Rauch, Tung, Striebel 1965, AIAA Journal 3, 1445.
     """
     count = len(filtered) - 1
     if len(F) != count or len(Q) != count:

@@ -80,6 +80,10 @@ def predict_friedland(stage: TwoStage, system: System) -> TwoStage:
     ------
     GeometryError
         If B is singular or the bias has process noise; use `predict_hsieh_chen`.
+
+    References
+    ----------
+    Friedland 1969, IEEE Trans. Automatic Control 14, 359; Ignagni 1990.
     """
     if system.Q_b is not None and np.any(system.Q_b):
         raise GeometryError("Friedland's two-stage filter is not optimal for a bias with process noise; use Hsieh-Chen")
@@ -97,7 +101,12 @@ def predict_friedland(stage: TwoStage, system: System) -> TwoStage:
 
 
 def predict_hsieh_chen(stage: TwoStage, system: System) -> TwoStage:
-    """Time update for any bias noise, and for a singular B as long as the predicted bias covariance is regular."""
+    """Time update for any bias noise, and for a singular B as long as the predicted bias covariance is regular.
+
+    References
+    ----------
+    Hsieh, Chen 1999, IEEE Trans. Automatic Control 44, 194.
+    """
     A, B = system.A, system.B
     Ub = A @ stage.V + system.D
     Q_b = np.zeros_like(stage.P_b) if system.Q_b is None else system.Q_b
@@ -118,7 +127,12 @@ def predict_hsieh_chen(stage: TwoStage, system: System) -> TwoStage:
 
 
 def update(stage: TwoStage, y: Array, C: Array, G: Array, R: Array) -> tuple[TwoStage, BiasInnovation]:
-    """Measurement update of both stages for y = C x + G b + v."""
+    """Measurement update of both stages for y = C x + G b + v.
+
+    References
+    ----------
+    Friedland 1969, IEEE Trans. Automatic Control 14, 359.
+    """
     M = C @ stage.P @ C.T + R
     K = solve_positive(M, C @ stage.P).T
     keep = np.eye(len(stage.P)) - K @ C

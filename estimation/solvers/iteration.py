@@ -84,6 +84,10 @@ def gauss_newton(
     matrix until the cost drops by the Armijo fraction; the merit is the cost, never its gradient. The weights of a step
     are those where it begins: what the position of a telescope does to a direction goes with the distance, so a cost
     weighed anew has another gradient than the step, and no step, however short, need make it smaller.
+
+    References
+    ----------
+    Guo, Ivashkin 2018, KIAM preprint 213, (2.110): as printed it feeds the estimate back as the prior.
     """
     begin = dict(start or {})
     problem = linearise(begin)

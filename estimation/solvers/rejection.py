@@ -35,6 +35,10 @@ class Thresholds:
         neighbours look bad.
     fudge, decay : fudge * decay^n is added to both thresholds with n selected measurements: a few measurements cannot
         outvote one another.
+
+    References
+    ----------
+    Carpino, Milani, Chesley 2003, Icarus 166, 248, section 5.
     """
 
     reject: float = 8.0
@@ -77,6 +81,10 @@ def chi_squared(residual: Array, R: Array, H: Array, S: Array, selected: Flags) 
     G = iL H S this is q^T (I -+ G G^T)^-1 q, q = iL v, whose eigenvalues lie in [0, 1] for selected ones. Where an
     eigenvalue is 0 the fit passes through the measurement, and its residual says nothing: it is held at 1e-3, so that
     round-off is not taken for a gross error.
+
+    References
+    ----------
+    Carpino, Milani, Chesley 2003, Icarus 166, 248, section 4.
     """
     try:
         L = np.asarray(np.linalg.cholesky(R), dtype=np.float64)
@@ -123,6 +131,10 @@ def reselect(chi2: Array, selected: Flags, thresholds: Thresholds, least: int, h
     selected : shape (n,), which are selected now.
     least : never fewer than so many stay selected; those with the smallest chi squared stay.
     held : shape (n,), measurements whose selection is the user's and does not change.
+
+    References
+    ----------
+    Carpino, Milani, Chesley 2003, Icarus 166, 248, section 5.
     """
     free = np.ones(len(chi2), dtype=bool) if held is None else ~held
     fudge = thresholds.fudge * thresholds.decay ** int(selected.sum())

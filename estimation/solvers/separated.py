@@ -23,7 +23,7 @@ Array = npt.NDArray[np.float64]
 
 
 def solve(problem: LinearProblem) -> Estimate:
-    """Process the measurements in order by the two-stage filter (Friedland 1969, Ignagni 1990).
+    """Process the measurements in order by the two-stage filter.
 
     Parameters
     ----------
@@ -42,6 +42,10 @@ def solve(problem: LinearProblem) -> Estimate:
     Notes
     -----
     About 0.2 ms a measurement: this is the filter to compare with, not the fast one.
+
+    References
+    ----------
+    Friedland 1969, IEEE Trans. Automatic Control 14, 359; Ignagni 1990.
     """
     partition = Partition.of(problem)
     state = next(block.names for block in problem.blocks if block.treatment == "estimated")

@@ -210,6 +210,10 @@ def consistency(sample: Sample) -> Consistency:
     Notes
     -----
     The sum of the NEES over the runs is chi-square with 6 N degrees of freedom when K_true is right.
+
+    References
+    ----------
+    Bar-Shalom, Li, Kirubarajan 2001, Estimation with Applications to Tracking and Navigation.
     """
     from scipy.special import chdtri, gammainc
 

@@ -31,7 +31,7 @@ from nebosvod.scene.scene import Scene, build_scene
 Array = npt.NDArray[np.float64]
 LINEAR_SIGMA = 0.05  # second-order terms below this do: it adds a four-hundredth to a variance
 PROBES = 6
-PROBING = 2  # key of their random numbers: 0 draws the runs, 1 the orbits about an estimate
+DRAWING, PROBING = 1, 2  # keys of random numbers: of orbits about an estimate, of probes; a run has its number
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -135,9 +135,9 @@ class Setting:
         return np.asarray(seen.H_x0 @ state + seen.H_c @ parameters)
 
 
-def generator(seed: int, run: int) -> np.random.Generator:
-    """The random numbers of one run, whoever computes it."""
-    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(run,)))
+def generator(seed: int, *key: int) -> np.random.Generator:
+    """The random numbers of one run, or of whatever else a key names, whoever computes it."""
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))
 
 
 def measured_truth(setting: Setting, computed: Array, rng: np.random.Generator) -> tuple[Array, Mapping[str, float]]:
@@ -226,7 +226,7 @@ def second_order(setting: Setting, seed: int) -> float:
     computed = computed_psi(setting.nominal)
     squares: dict[int, list[float]] = {}
     for i in range(PROBES):
-        truth = possible(setting, np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(PROBING, i))))
+        truth = possible(setting, generator(seed, PROBING, i))
         if truth is None:
             continue
         for number, one in enumerate(kinds.values()):

@@ -162,7 +162,12 @@ def telescopes_of(scene: Scene) -> dict[str, tuple[str, ...]]:
 
 
 def state_shares(scene: Scene, fit: Fit, worlds: Worlds) -> list[StateShare]:
-    """The `budget` of one estimator: each source's part of the state, largest share of position first."""
+    """The `budget` of one estimator: each source's part of the state, largest share of position first.
+
+    References
+    ----------
+    Guo, Ivashkin 2018, KIAM preprint 213, sections 2.3.3-2.6.
+    """
     total = _state_sigmas(_variances(worlds.now.predict(np.eye(6), STATE_NAMES)))
     others = [name for name in worlds.now.names if name not in STATE_NAMES]
     own = _parts(worlds.now.predict(np.eye(len(others)), others)) if others else {}
@@ -187,7 +192,12 @@ def state_shares(scene: Scene, fit: Fit, worlds: Worlds) -> list[StateShare]:
 
 
 def quantity_shares(scene: Scene, worlds: Worlds, asked: Quantity) -> list[QuantityShare]:
-    """The `budget` of a predicted quantity, largest share of the summed variance first."""
+    """The `budget` of a predicted quantity, largest share of the summed variance first.
+
+    References
+    ----------
+    Guo, Ivashkin 2018, KIAM preprint 213, sections 2.3.3-2.6.
+    """
     W, names = known_partials(asked, worlds.now)
     variance, behind = _variances(worlds.now.predict(W, names)), telescopes_of(scene)
     rows = [

@@ -8,6 +8,7 @@ import numpy.typing as npt
 
 from nebosvod.engine.fitting import Fit
 from nebosvod.engine.quantity import SIGMAS, Quantity
+from nebosvod.engine.trial import DRAWING, generator
 from nebosvod.estimation.accuracy import ellipse
 from nebosvod.estimation.accuracy.consistency import binomial_interval
 from nebosvod.findings.cloud import displacements
@@ -103,7 +104,8 @@ def clones(scene: Scene, fit: Fit, asked: Sequence[Quantity], runs: int, seed: i
     names = uncertain(fit)
     S, mean = fit.estimate.factor(names), fit.estimate.mean_shift(fit.mean_errors, names)
     deviations = [
-        dict(zip(names, (S @ generator(seed, i).standard_normal(S.shape[1]) - mean).tolist())) for i in range(runs)
+        dict(zip(names, (S @ generator(seed, DRAWING, i).standard_normal(S.shape[1]) - mean).tolist()))
+        for i in range(runs)
     ]
     fates = [np.full(runs, np.nan) for _ in asked]
     at_once = displacements(scene, fit, asked, deviations)
@@ -116,11 +118,6 @@ def clones(scene: Scene, fit: Fit, asked: Sequence[Quantity], runs: int, seed: i
                 points[i] = moved
             fate[i] = np.nan if hit is None else float(hit)
     return found, fates
-
-
-def generator(seed: int, run: int) -> np.random.Generator:
-    """The random numbers of one drawn orbit."""
-    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(1, run)))
 
 
 def impact_share(fate: Array) -> HitShare:

@@ -128,7 +128,7 @@ def answered(
 
     References
     ----------
-    Guo, Ivashkin 2018, (3.5).
+    Guo, Ivashkin 2018, KIAM preprint 213, (3.5).
     """
     W, names = known_partials(asked, estimate)
     off = W @ estimate.mean_shift(mean_errors or {}, names)

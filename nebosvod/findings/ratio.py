@@ -86,6 +86,10 @@ def ratio(scene: PlannedScene, problem: LinearProblem, view: View) -> tuple[Nois
     Parameters
     ----------
     problem, view : of an estimator at the nominal point, so that no ratio depends on what was drawn.
+
+    References
+    ----------
+    Guo, Ivashkin 2018, KIAM preprint 213, (3.17)-(3.31).
     """
     plan, seen = scene.mission.noise_to_nuisance, view.observation
     found = noise_to_nuisance(problem, _sources(scene, problem, view, plan.nuisances))

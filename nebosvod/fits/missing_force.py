@@ -78,6 +78,10 @@ def missing_forces(
     records : stations and nights, within which errors may be alike.
     aside : (n,) records of stations with a shared error. They weigh as one and do not scatter as many, so they are not
         asked where others can be.
+
+    References
+    ----------
+    Rao 1948, Proc. Camb. Phil. Soc. 44, 50: the score test.
     """
     names = unknown(forces)
     if found.S is None or not names or len(sky) < LEAST:

@@ -60,6 +60,10 @@ def select(
     -----
     Never fewer stay than determine the parameters with one observation to spare. Observations that go to and fro agree
     with the fit of the others, so they are kept; where the rounds still go in a circle, the selection does not stand.
+
+    References
+    ----------
+    Carpino, Milani, Chesley 2003, Icarus 166, 248, section 5.
     """
     chosen = np.ones(len(sky), dtype=bool) if selected is None else selected
     least = min(len(sky), len(x) // 2 + 1)

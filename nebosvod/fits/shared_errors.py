@@ -194,6 +194,10 @@ def shared_errors(
     asked : the groups of the same records; remembers which were quiet.
     aside : (n,) records whose groups need not be asked.
     doubted : ask whole stations only, and list those that have so many sigmas among them.
+
+    References
+    ----------
+    Rao 1948, Proc. Camb. Phil. Soc. 44, 50: the score test.
     """
     numbers = [k for k, (_, rows, _) in enumerate(asked.groups) if aside is None or not aside[rows].any()]
     least, screen = SURE, PROMISING

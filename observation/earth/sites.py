@@ -100,8 +100,12 @@ def ground_states(itrf_km: Array, epoch: Epoch, t_s: Array) -> tuple[Array, Orie
 
     Notes
     -----
-    IERS Conventions 2010, eq. 5.1 without the celestial pole offsets (0.3 mas: 1 cm) and the daily tides of pole and
+    Without the celestial pole offsets (0.3 mas: 1 cm) and the daily tides of pole and
     UT1 (0.5 mas, 0.05 ms: 2 cm).
+
+    References
+    ----------
+    Petit, Luzum (eds.) 2010, IERS Conventions, Technical Note 36, eq. 5.1.
     """
     day, tt = np.full(t_s.size, epoch.day), tt_days(epoch, t_s)
     earth = orientation(day, tt)

@@ -28,7 +28,12 @@ DELTA_T = (
 
 
 def delta_t_s(year: Array) -> Array:
-    """TT - UT1 in seconds for decimal years (n,) of 1800 to 1960."""
+    """TT - UT1 in seconds for decimal years (n,) of 1800 to 1960.
+
+    References
+    ----------
+    Espenak, Meeus 2006, NASA TP-2006-214141, section 2.
+    """
     value = np.zeros_like(year)
     for first, origin, coefficients in DELTA_T:
         value = np.where(year >= first, np.polynomial.polynomial.polyval(year - origin, coefficients), value)

@@ -33,6 +33,10 @@ def gauss(u: Array, q: Array, t: Array, gm: float) -> tuple[Array, Array, Rows]:
     -------
     states (k, 6), au and au/d, about the Sun; the times (k,) they hold at, those of the middle emission; number (k,) of
     the triplet each belongs to.
+
+    References
+    ----------
+    Curtis, Orbital Mechanics for Engineering Students, section 5.10.
     """
     triplet, r2 = _roots(u, q, t, gm)
     u, q, t = u[triplet], q[triplet], t[triplet]

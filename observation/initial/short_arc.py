@@ -1,7 +1,9 @@
 """What an arc too short for Gauss's method says: the attributable, and orbits for any distance and range rate.
 
-Milani, Gronchi, Farnocchia, Knezevic, Jedicke, Denneau and Pierfederici (2008), Icarus 195, 474 (attributables);
-Farnocchia, Chesley and Micheli (2015), Icarus 258, 18 (systematic ranging).
+References
+----------
+Milani, Gronchi, Farnocchia, Knezevic, Jedicke, Denneau and Pierfederici 2008, Icarus 195, 474 (attributables).
+Farnocchia, Chesley and Micheli 2015, Icarus 258, 18 (systematic ranging).
 """
 
 from dataclasses import dataclass
@@ -36,6 +38,10 @@ class Attributable:
     curvature_rad_s2 : (2,) second derivatives; sigma_curvature_rad_s2; zeros and infinity with fewer than three times.
     significance : length of the curvature in its sigmas; below 3 the arc is a straight line, and says nothing of the
         distance but what the observer's own motion adds.
+
+    References
+    ----------
+    Milani et al. 2008, Icarus 195, 474.
     """
 
     t_s: float
@@ -81,6 +87,10 @@ def attributable(astrometry: Astrometry, weights: Weights | None = None) -> Attr
     -----
     Quadratic in time, in the plane tangent to the middle direction, each coordinate by itself. The observer's own
     motion (the turning Earth) is in it: over hours, of an object near the Earth, it is the larger part.
+
+    References
+    ----------
+    Milani et al. 2008, Icarus 195, 474.
     """
     times = np.unique(astrometry.t_s)
     if times.size < 2:
@@ -125,6 +135,10 @@ def ranging(arc: Arc, observer_velocity: Array, *, keep: int, fine: bool) -> Arr
     Notes
     -----
     Each node of the grid holds its distance and range rate while direction and motion are fitted.
+
+    References
+    ----------
+    Farnocchia, Chesley, Micheli 2015, Icarus 258, 18.
     """
     states, place = _grid(arc, observer_velocity, fine)
     if not len(states):

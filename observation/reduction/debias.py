@@ -49,6 +49,10 @@ def debias(astrometry: Astrometry, table_path: str | Path | None = None) -> tupl
         If the table cannot be opened.
     InputError
         If it is not of the published form, naming the line.
+
+    References
+    ----------
+    Eggl, Farnocchia, Chamberlin, Chesley 2020, Icarus 339, 113596.
     """
     correction = np.zeros((len(astrometry), 2))
     stated = np.isfinite(astrometry.bias_rad).all(axis=1)
@@ -82,8 +86,12 @@ def ring_pixel(nside: int, psi: Array) -> Rows:
 
     Notes
     -----
-    Gorski et al. (2005), section 4: between |sin Dec| = 2/3 the pixel's rising and falling edges are straight in
+    Between |sin Dec| = 2/3 the pixel's rising and falling edges are straight in
     (RA, sin Dec); in the caps they are so in RA (from the corner of the quarter) times sqrt(3 (1 - |sin Dec|)).
+
+    References
+    ----------
+    Gorski et al. 2005, ApJ 622, 759, section 4.
     """
     z = np.sin(psi[:, 1])
     quarter = np.mod(psi[:, 0] / (0.5 * np.pi), 4.0)

@@ -68,7 +68,12 @@ class Rule:
 
 @cache
 def default_rules() -> tuple[Rule, ...]:
-    """The rules that come with nebosvod: Veres et al. 2017 with additions (see the head of the file)."""
+    """The rules that come with nebosvod: Veres et al. 2017 with additions (see the head of the file).
+
+    References
+    ----------
+    Veres, Farnocchia, Chesley, Chamberlin 2017, Icarus 296, 139.
+    """
     return read_rules(DEFAULT)
 
 

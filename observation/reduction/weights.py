@@ -73,6 +73,10 @@ def weigh(
     ------
     InputError
         If the table cannot be used (file, line, column), the floor is negative or the limit below one.
+
+    References
+    ----------
+    Veres, Farnocchia, Chesley, Chamberlin 2017, Icarus 296, 139.
     """
     if not (np.isfinite(floor_arcsec) and floor_arcsec >= 0.0):
         raise InputError(f"weights: the floor must be a finite angle >= 0 (got {floor_arcsec} arcsec)")

@@ -36,10 +36,14 @@ class GeocentricOrbit:
 
     Notes
     -----
-    node' = -k cos i, peri' = k (2 - 5/2 sin^2 i), M' = n + k sqrt(1 - e^2) (1 - 3/2 sin^2 i), k = 3/2 J2 n (R/p)^2
-    (Kaula 1966). Short-period terms (8 km in low orbit), other harmonics, Moon, Sun and drag are left out: a model of
+    node' = -k cos i, peri' = k (2 - 5/2 sin^2 i), M' = n + k sqrt(1 - e^2) (1 - 3/2 sin^2 i), k = 3/2 J2 n (R/p)^2.
+    Short-period terms (8 km in low orbit), other harmonics, Moon, Sun and drag are left out: a model of
     where a telescope is, not an ephemeris. The velocity is that of the osculating ellipse, the secular rates (1e-3 of
     it) included by their effect on the angles.
+
+    References
+    ----------
+    Kaula 1966, Theory of Satellite Geodesy, eq. 3.74.
     """
 
     elements_epoch: Epoch
@@ -121,7 +125,12 @@ def turn(angle: Array, axis: int) -> Array:
 
 
 def secular_rates(n: float, a_km: float, e: float, i_rad: float) -> tuple[float, float, float]:
-    """J2 rates (rad/s) of node, argument of perigee and mean anomaly for mean motion n (Kaula 1966, eq. 3.74)."""
+    """J2 rates (rad/s) of node, argument of perigee and mean anomaly for mean motion n.
+
+    References
+    ----------
+    Kaula 1966, Theory of Satellite Geodesy, eq. 3.74.
+    """
     k = 1.5 * EARTH_J2 * n * (RADIUS_KM["earth"] / (a_km * (1.0 - e * e))) ** 2
     sin2 = np.sin(i_rad) ** 2
     return (

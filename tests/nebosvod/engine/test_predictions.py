@@ -12,9 +12,10 @@ from nebosvod.engine.assembly import computed_psi
 from nebosvod.engine.evaluation import quantity
 from nebosvod.engine.fitting import Fit, fit
 from nebosvod.engine.quantity import Quantity, known_partials
+from nebosvod.engine.trial import DRAWING, generator
 from nebosvod.findings.cloud import displacements
 from nebosvod.findings.displacement import displaced, moved_quantities, uncertain
-from nebosvod.findings.drawn import against_linear, clones, generator, impact_share, spread_of
+from nebosvod.findings.drawn import against_linear, clones, impact_share, spread_of
 from nebosvod.findings.nonlinearity import Nonlinearity, curvature, nonlinearity, ordered_factor
 from nebosvod.findings.prediction import answered
 from nebosvod.mission import Mission, load_mission_text
@@ -148,7 +149,7 @@ def test_a_cloud_flown_at_once_is_the_orbits_flown_one_by_one(make_setting: Make
     at_once, _ = clones(scene, one, asked, 40, 3)
     names, S = uncertain(one), one.estimate.factor(uncertain(one))
     for i in range(40):
-        drawn = dict(zip(names, (S @ generator(3, i).standard_normal(S.shape[1])).tolist()))
+        drawn = dict(zip(names, (S @ generator(3, DRAWING, i).standard_normal(S.shape[1])).tolist()))
         for each, points, moved in zip(asked, at_once, moved_quantities(scene, one, asked, drawn)):
             assert moved is not None
             sigma = np.linalg.norm(each.partials_by(names) @ S, axis=1)
