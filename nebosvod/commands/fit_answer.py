@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from nebosvod.errors import counted
+from nebosvod.results.ahead_words import ahead_sentences
 from nebosvod.results.condensed import condensed, foremost, without
 from nebosvod.results.outlook import (
     answered,
@@ -52,6 +53,8 @@ def print_fit(summary: Mapping[str, Any], folder: Path | None, console: Console 
         out.print(_orbit(summary["orbit"]))
         for line in _state_lines(summary):
             out.print(_plain(line))
+        for line in ahead_sentences(summary["ahead"]):
+            out.print(_plain(line), style="bold" if "impact on" in line or "hits" in line else "")
     out.print(_stations(fit))
     for line in (*_rejected(fit), *_tests(fit), *_budget(summary), *_predictions(summary), *_reference(summary)):
         out.print(_plain(line))

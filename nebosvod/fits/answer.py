@@ -18,6 +18,7 @@ from nebosvod.findings.foretold import foretell, unknown_orbit
 from nebosvod.findings.nonlinearity import nonlinearity
 from nebosvod.findings.prediction import Prediction, existing, of_fit, unanswered
 from nebosvod.fits import usual_force
+from nebosvod.fits.ahead import Ahead, look_ahead
 from nebosvod.fits.engine import OrbitFit
 from nebosvod.fits.orbit import Comparison, OrbitAt, compared, orbit_at
 from nebosvod.mission import FitMission
@@ -51,6 +52,7 @@ class Answer:
         asked for.
     budget : of the state; predictions : those that do not exist among them; reference : how far from another orbit.
     ended : the epochs asked for at which the orbit has ended.
+    ahead : what comes after the last observation.
     """
 
     fit: OrbitFit
@@ -63,6 +65,7 @@ class Answer:
     ended: tuple[Ended, ...] = ()
     reference: Comparison | None = None
     cautions: tuple[str, ...] = ()
+    ahead: Ahead | None = None
 
 
 def answer(found: OrbitFit) -> Answer:
@@ -106,6 +109,7 @@ def answer(found: OrbitFit) -> Answer:
         predictions=tuple(predictions),
         reference=reference,
         cautions=(*usual_force.cautions(found, scene, existing(predictions)), *without),
+        ahead=look_ahead(found, trajectory, amid),
     )
 
 

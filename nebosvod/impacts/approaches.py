@@ -1,5 +1,6 @@
 """Every approach of an orbit to planets and the Moon, with sigmas, target plane and the linear chance of impact."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -7,7 +8,7 @@ import numpy.typing as npt
 
 from nebosvod.dynamics import Encounter, Ephemeris, TargetPlane, Trajectory, perigee_distance
 from nebosvod.dynamics.constants import AU_KM
-from nebosvod.dynamics.impact import b_plane, events, follow, osculating_perigee, time_partials
+from nebosvod.dynamics.impact import b_plane, events, follow, osculating_perigee, time_partials, what_it_hits
 from nebosvod.engine.entry import Place, entry_point
 from nebosvod.errors import ImpactError, InputError
 from nebosvod.estimation.accuracy.ellipse import Ellipse
@@ -91,17 +92,29 @@ def approaches(orbit: UncertainOrbit, first: Epoch, last: Epoch, within_au: floa
     begin, end = first - orbit.epoch, last - orbit.epoch
     ephemeris.require(orbit.epoch, np.array([begin, end]))
     trajectory = _flight(orbit, (begin, end), ephemeris)
-    every = [(event, hits) for body in BODIES for event, hits in events(trajectory, body) if begin <= event.t_s <= end]
+    return approaches_on(trajectory, orbit.factor, (begin, end), within_au)
+
+
+def approaches_on(
+    trajectory: Trajectory, factor: Array, span_s: tuple[float, float], within_au: float, bodies: Sequence[str] = BODIES
+) -> Approaches:
+    """The same on a trajectory with sensitivities.
+
+    Parameters
+    ----------
+    factor : shape (6 + m, k), of the covariance of state and parameters at the trajectory's epoch.
+    span_s : between which times it is looked for them, s after that epoch.
+    """
+    begin, end = span_s
+    every = [(event, hits) for body in bodies for event, hits in events(trajectory, body) if begin <= event.t_s <= end]
     limit = within_au * AU_KM
     near = sorted((one for one in every if one[0].distance_km <= limit or one[1]), key=lambda one: one[0].t_s)
-    found = tuple(_described(orbit, trajectory, *one) for one in near)
+    found = tuple(_described(factor, trajectory, *one) for one in near)
     nearest = min(every, key=lambda one: one[0].distance_km, default=None)
-    ended = ""
-    if found and found[-1].hits:
-        ended = f"the orbit hits {found[-1].body} on {found[-1].epoch.iso('utc', 0)} and ends there"
-    elif trajectory.span_s[1] < end - 1.0:
-        ended = f"the orbit ends on {(orbit.epoch + trajectory.span_s[1]).iso('utc', 0)}, where it hits something"
-    alone = None if found or nearest is None else _described(orbit, trajectory, *nearest)
+    hit, ended = what_it_hits(trajectory), ""
+    if hit is not None and hit.t_s < end:
+        ended = f"the orbit hits {hit.body} on {hit.epoch.iso('utc', 0)} and ends there"
+    alone = None if found or nearest is None else _described(factor, trajectory, *nearest)
     return Approaches(found=found, nearest=alone, ended=ended)
 
 
@@ -115,21 +128,21 @@ def _flight(orbit: UncertainOrbit, span: tuple[float, float], ephemeris: Ephemer
         raise ImpactError(f"{orbit.name}: {error}", body=error.body, t_s=error.t_s) from None
 
 
-def _described(orbit: UncertainOrbit, trajectory: Trajectory, event: Encounter, hits: bool) -> Approach:
+def _described(joint: Array, trajectory: Trajectory, event: Encounter, hits: bool) -> Approach:
     """Sigmas, plane and chance of one approach."""
     distance, by_state, by_parameters = (osculating_perigee if hits else perigee_distance)(trajectory, event)
     ground = entry_point(trajectory, event, 0.0) if hits else None
     by_time = time_partials(trajectory, event) if ground is None else ground.time_partials
     plane, reason = b_plane(trajectory, event, hits)
-    factor = None if plane is None else _on_plane(orbit, plane)
-    sigma_distance = float(np.linalg.norm(np.concatenate([by_state, by_parameters]) @ orbit.factor))
+    factor = None if plane is None else _on_plane(joint, plane)
+    sigma_distance = float(np.linalg.norm(np.concatenate([by_state, by_parameters]) @ joint))
     gm = trajectory.forces.ephemeris.gm_km3_s2[event.body]
     return Approach(
         body=event.body,
         epoch=event.epoch if ground is None else ground.epoch,
         hits=hits,
         distance_km=distance,
-        sigma_time_s=float(np.linalg.norm(by_time @ orbit.factor)),
+        sigma_time_s=float(np.linalg.norm(by_time @ joint)),
         sigma_distance_km=sigma_distance,
         speed_km_s=event.speed_km_s,
         plane=plane,
@@ -145,10 +158,30 @@ def _described(orbit: UncertainOrbit, trajectory: Trajectory, event: Encounter, 
     )
 
 
-def _on_plane(orbit: UncertainOrbit, plane: TargetPlane) -> Array:
-    """Factor (2, 6 + m) of the covariance of (xi, zeta), km."""
-    factor: Array = np.hstack([plane.partials_state, plane.partials_parameters]) @ orbit.factor
+def _on_plane(joint: Array, plane: TargetPlane) -> Array:
+    """Factor (2, k) of the covariance of (xi, zeta), km."""
+    factor: Array = np.hstack([plane.partials_state, plane.partials_parameters]) @ joint
     return factor
+
+
+def sigmas_to_hit(approach: Approach, most: float = 5.0) -> float | None:
+    """How many sigmas away an orbit is that hits, by the linear target plane; None beyond `most` or without a plane."""
+    if approach.hits:
+        return 0.0
+    plane, factor = approach.plane, approach.factor
+    if plane is None or factor is None:
+        return None
+
+    def reaches(sigmas: float) -> bool:
+        return least_in_ellipse(plane.coordinates_km, sigmas * factor) <= plane.capture_radius_km
+
+    if not reaches(most):
+        return None
+    low, high = 0.0, most
+    for _ in range(50):
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if reaches(middle) else (middle, high)
+    return high
 
 
 def perigee_km(b_km: float, v_infinity_km_s: float, gm_km3_s2: float) -> float:

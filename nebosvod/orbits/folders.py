@@ -128,5 +128,5 @@ def _settings(physics: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _magnitude(summary: Mapping[str, Any]) -> tuple[float, float] | None:
-    said = summary["physics"].get("magnitude")
+    said = summary["physics"].get("magnitude") or (summary.get("ahead") or {}).get("magnitude")
     return (float(said["H"]), float(said["G"])) if isinstance(said, dict) else None

@@ -10,6 +10,7 @@ from nebosvod.estimation import lower_factor
 from nebosvod.estimation.accuracy.formed import matrices
 from nebosvod.findings.impacts import impacts_of
 from nebosvod.findings.prediction import existing
+from nebosvod.fits.ahead import WITHIN_AU, Ahead
 from nebosvod.fits.answer import Answer, Ended, Rejected, StationResiduals, rejected, residuals_by_station, rms_arcsec
 from nebosvod.fits.ending import arc_words
 from nebosvod.fits.engine import OrbitFit
@@ -17,10 +18,12 @@ from nebosvod.fits.general import General
 from nebosvod.fits.leading import Led
 from nebosvod.fits.missing_force import MissingForce
 from nebosvod.fits.orbit import ELEMENTS, KEPLERIAN, Comparison, OrbitAt
+from nebosvod.fits.photometry import SLOPE
 from nebosvod.fits.remarks import UNITS, notices, told
 from nebosvod.fits.shared_errors import SharedError
 from nebosvod.fits.suggestion import entry, flow
 from nebosvod.results import prediction_rows, rows
+from nebosvod.results.approaches_folder import row_of as approach_row
 from nebosvod.results.outlook import bent_words
 from nebosvod.results.run_summary import estimator_row, mean_error_notes, physics
 from nebosvod.scene.recorded import beyond_tables
@@ -54,8 +57,35 @@ def summarise(found: Answer) -> dict[str, Any]:
         "impacts": [prediction_rows.impact(one) for one in impacts_of(found.predictions)],
         "predictions": [prediction_rows.prediction(one) for one in found.predictions],
         "reference_orbit": None if found.reference is None else reference_orbit(found.reference),
+        "ahead": None if found.ahead is None else ahead_block(found.ahead),
         "physics": _physics(fit),
         "warnings": _warnings(found),
+    }
+
+
+def ahead_block(ahead: Ahead) -> dict[str, Any]:
+    """What comes after the last observation."""
+    H = ahead.magnitude
+    return {
+        "from_utc": ahead.first.iso("utc", 0),
+        "to_utc": ahead.last.iso("utc", 0),
+        "within_au": WITHIN_AU,
+        "approaches": [approach_row(one) for one in ahead.approaches],
+        "in_reach": [
+            {
+                "body": one.approach.body,
+                "epoch_utc": one.approach.epoch.iso("utc"),
+                "sigmas": one.sigmas,
+                "impact_probability_linear": one.approach.probability,
+            }
+            for one in ahead.in_reach
+        ],
+        "reason": ahead.reason or None,
+        "period_d": ahead.period_d,
+        "sigma_period_d": ahead.sigma_period_d,
+        "moid_earth_au": ahead.moid_au,
+        "sigma_moid_earth_au": ahead.sigma_moid_au,
+        "magnitude": None if H is None else {"H": H.H, "G": SLOPE, "scatter_mag": H.scatter, "n": H.count},
     }
 
 
