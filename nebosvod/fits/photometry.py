@@ -45,12 +45,11 @@ def absolute_magnitude(found: OrbitFit, ephemeris: Ephemeris) -> AbsoluteMagnitu
     used = np.isfinite(apparent) & general.selected
     if not used.any():
         return None
-    lines = general.seen.lines
-    t_s = records.t_s + (records.epoch - found.epoch)
-    left = t_s - lines["distance"] / 299792.458
-    from_sun: Array = lines["target"][:, :3] - ephemeris.position_km("sun", found.epoch, left)
-    phase = angle_between(-from_sun, -lines["u"])
-    reduced = apparent - apparent_magnitude(0.0, SLOPE, np.linalg.norm(from_sun, axis=1), lines["distance"], phase)
+    seen = general.seen
+    left = records.t_s + (records.epoch - found.epoch) - seen.light_time_s
+    from_sun: Array = seen.target_state[:, :3] - ephemeris.position_km("sun", found.epoch, left)
+    phase = angle_between(-from_sun, -seen.u)
+    reduced = apparent - apparent_magnitude(0.0, SLOPE, np.linalg.norm(from_sun, axis=1), seen.distance_km, phase)
     values = reduced[used & np.isfinite(reduced)]
     if not len(values):
         return None
