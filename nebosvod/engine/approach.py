@@ -1,6 +1,7 @@
 """Predictions of an encounter: which one is meant, its target plane, smallest distance, and place of entry."""
 
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -27,6 +28,7 @@ from nebosvod.timescale import SECONDS_PER_DAY, Epoch
 
 Array = npt.NDArray[np.float64]
 NEAR_S = 3.0 * SECONDS_PER_DAY  # from `near`: an encounter farther than this is another one
+KEPT = 8  # encounters of the last orbits: several predictions are about the same one
 SEARCHED_S = 366.0 * SECONDS_PER_DAY  # to either side, for the encounters that a row without an answer names
 
 
@@ -45,8 +47,7 @@ def encounter_quantity(
         If there is no such encounter, no such plane, or no entry.
     """
     event, hits = _chosen(scene, trajectory, request, about)
-    plane, reason = b_plane(trajectory, event, hits)
-    ground = entry_point(trajectory, event, 0.0) if hits else None
+    plane, reason, ground = _passage(trajectory, event, hits)
     facts = _facts(event, hits, request, ground)
     disc = None if plane is None else _disc(plane)
     if request.plane == "entry":
@@ -65,6 +66,23 @@ def encounter_quantity(
     made = make_quantity(request, event.epoch, "km", value, by_state, by_parameters, trajectory, facts, axes)
     by_time = time_partials(trajectory, event) if ground is None else ground.time_partials
     return replace(made, time_partials=by_time, disc=disc)
+
+
+@lru_cache(maxsize=KEPT)
+def passages(trajectory: Trajectory, body: str) -> tuple[tuple[Encounter, bool], ...]:
+    """Closest approaches to a body, and the impact that ends the orbit there, each with whether it is one; kept."""
+    return tuple(events(trajectory, body))
+
+
+def hits_body(trajectory: Trajectory, body: str) -> bool:
+    """Whether an orbit ends on a body."""
+    return any(hits for _, hits in passages(trajectory, body))
+
+
+@lru_cache(maxsize=KEPT)
+def _passage(trajectory: Trajectory, event: Encounter, hits: bool) -> tuple[TargetPlane | None, str, Entry | None]:
+    """The b-plane of an encounter, or why there is none, and where an impact meets the surface."""
+    return *b_plane(trajectory, event, hits), entry_point(trajectory, event, 0.0) if hits else None
 
 
 def _facts(event: Encounter, hits: bool, request: EncounterPrediction, ground: Entry | None) -> EncounterFacts:
@@ -164,7 +182,7 @@ def _chosen(
 ) -> tuple[Encounter, bool]:
     """The closest approach nearest in time to `near`, and whether it is an impact."""
     when = (about or request.near) - scene.epoch
-    nearest = min(events(trajectory, request.body), key=lambda event: abs(event[0].t_s - when), default=None)
+    nearest = min(passages(trajectory, request.body), key=lambda event: abs(event[0].t_s - when), default=None)
     if nearest is not None and (about is not None or abs(nearest[0].t_s - when) <= NEAR_S):
         return nearest
     asked = request.near.iso(request.near.scale, 0)

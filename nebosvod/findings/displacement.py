@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nebosvod.dynamics import Trajectory
-from nebosvod.dynamics.impact import impact
+from nebosvod.engine.approach import hits_body
 from nebosvod.engine.entry import ground_displacement
 from nebosvod.engine.evaluation import quantity
 from nebosvod.engine.facts import REFERENCE, EntryFacts, SkyFacts, StateFacts
@@ -94,7 +94,7 @@ def _hits(orbit: Trajectory | str | None, body: str) -> bool | None:
     """Whether an orbit hits a body; None where it cannot be flown."""
     if not isinstance(orbit, Trajectory):
         return None if orbit is None else orbit == body
-    return impact(orbit, body) is not None
+    return hits_body(orbit, body)
 
 
 def uncertain(fit: Fit) -> tuple[str, ...]:
