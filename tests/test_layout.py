@@ -221,6 +221,18 @@ def test_leaves_import_no_stage(leaf: str) -> None:
     assert {".".join(name.split(".")[:2]) for name in known} <= {*LEAVES}
 
 
+def test_loops_are_compiled_at_one_border_only() -> None:
+    """It goes on without a cache where there is no place for one; a bare `numba.njit(cache=True)` does not."""
+    importing = {
+        path.relative_to(ROOT).as_posix()
+        for path in CODE
+        for node in ast.walk(ast.parse(path.read_text("utf-8")))
+        if (isinstance(node, ast.Import) and any(alias.name.split(".")[0] == "numba" for alias in node.names))
+        or (isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "numba")
+    }
+    assert importing == {"nebosvod/borders/compiled.py", "dynamics/compilation.py"}  # the latter for the type's name
+
+
 def test_no_module_is_longer_than_600_lines() -> None:
     long = {path.name: count for path in CODE if (count := len(path.read_text("utf-8").splitlines())) > 600}
     assert not long

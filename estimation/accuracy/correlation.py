@@ -11,8 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 from scipy.fft import irfft, next_fast_len, rfft
+
+from nebosvod.borders.compiled import plain_loop
 
 Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -171,7 +172,7 @@ def _spread(a: Array, place: Array, count: int) -> Array:
     return grid
 
 
-@njit(cache=True)
+@plain_loop
 def _lagged(a, t, series, k, w):  # type: ignore[no-untyped-def]
     """Real and imaginary part of sum_{j<i} a_i a_j exp((-k + i w)(t_i - t_j)) within each series."""
     real, imaginary = 0.0, 0.0

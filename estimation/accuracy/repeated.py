@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from nebosvod.borders.compiled import plain_loop
 from nebosvod.estimation.accuracy.addition import Additions, Belief, additions
 from nebosvod.estimation.problem.estimate import Estimate
 from nebosvod.estimation.problem.partition import Partition
@@ -126,7 +126,7 @@ class Innovations:
         return _squares(self.formal, innovation), None if self.true is None else _squares(self.true, innovation)
 
 
-@njit(cache=True)
+@plain_loop
 def _pass(H, noise, S, G, same, K, formal, true):  # type: ignore[no-untyped-def]
     """Take in whitened measurements (m, p, s + s_j) in order; fill gains and factors of the innovation covariances.
 

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from nebosvod.borders.compiled import plain_loop
 from nebosvod.estimation.problem.problem import Markov
 from nebosvod.estimation.problem.square_root import covariance_factor, root_rows
 
@@ -105,7 +105,7 @@ def _plain(*arrays: Array) -> tuple[Array, ...]:
     return tuple(np.array(array, order="C") for array in arrays)
 
 
-@njit(cache=True)
+@plain_loop
 def _triangularise(M):  # type: ignore[no-untyped-def]
     """Make M (m, k), m <= k, lower triangular from the right by Householder reflections, in place."""
     m, k = M.shape
@@ -135,7 +135,7 @@ def _triangularise(M):  # type: ignore[no-untyped-def]
                 M[r, i] = -M[r, i]
 
 
-@njit(cache=True)
+@plain_loop
 def _filter(H, F, step, root, noise):  # type: ignore[no-untyped-def]
     """Square-root filter over the rows: innovation factors (n, p, p) and gains K = gain iL (n, q, p)."""
     n, p, q = H.shape
@@ -161,7 +161,7 @@ def _filter(H, F, step, root, noise):  # type: ignore[no-untyped-def]
     return innovation, gain
 
 
-@njit(cache=True)
+@plain_loop
 def _forward(H, F, innovation, gain, index, rows):  # type: ignore[no-untyped-def]
     """w_k = iL_k (y_k - H_k a_k), a_{k+1} = F_{k+1} (a_k + gain_k w_k), for all columns of rows, in place."""
     n, p, q = H.shape
@@ -191,7 +191,7 @@ def _forward(H, F, innovation, gain, index, rows):  # type: ignore[no-untyped-de
                     a[i, c] += gain[k, i, j] * row[j, c]
 
 
-@njit(cache=True)
+@plain_loop
 def _backward(H, F, innovation, gain, index, rows):  # type: ignore[no-untyped-def]
     """The transpose of `_forward`: f = F_{k+1}^T abar, t_k = L_k^-T (g_k + gain_k^T f), abar = f - H_k^T t_k."""
     n, p, q = H.shape
@@ -222,7 +222,7 @@ def _backward(H, F, innovation, gain, index, rows):  # type: ignore[no-untyped-d
                 bar[i, c] = value
 
 
-@njit(cache=True)
+@plain_loop
 def _accumulate(H, F, Q, index, gain):  # type: ignore[no-untyped-def]
     """Backward sum a_k = H_k^T gain_k + F_{k+1}^T a_{k+1}: a_0 (q, w) and sum_k>0 a_k^T Q_k a_k (w, w)."""
     n, p, q = H.shape

@@ -6,8 +6,8 @@ Both lose the square of the condition number; past about 1e7 they report that in
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from nebosvod.borders.compiled import plain_loop
 from nebosvod.errors import InputError
 from nebosvod.estimation.problem.markov import Chain, merge
 from nebosvod.estimation.problem.partition import Partition
@@ -204,7 +204,7 @@ def _chain_elimination(chain: Chain, weights: Array, raw: Array) -> Array:
     return taken
 
 
-@njit(cache=True)
+@plain_loop
 def _tridiagonal(lam, inverse_Q, F, right):  # type: ignore[no-untyped-def]
     """Forward block elimination of z_0, z_1, ...; returns sum of g_k^T (Schur complement)^-1 g_k."""
     n, _, width = right.shape

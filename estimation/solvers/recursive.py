@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from nebosvod.borders.compiled import plain_loop
 from nebosvod.errors import InputError
 from nebosvod.estimation.problem.estimate import Estimate, History
 from nebosvod.estimation.problem.partition import Partition
@@ -149,7 +149,7 @@ def mismatched(problem: LinearProblem) -> bool:
     )
 
 
-@njit(cache=True)
+@plain_loop
 def _rotate_in(row, triangle):  # type: ignore[no-untyped-def]
     """Rotate one row (w,) into the upper triangle (., w) by Givens rotations; the row is destroyed."""
     width = triangle.shape[1]
@@ -169,7 +169,7 @@ def _rotate_in(row, triangle):  # type: ignore[no-untyped-def]
             row[k] = c * row[k] - s * t
 
 
-@njit(cache=True)
+@plain_loop
 def _inverse_upper(R, size, out, limit):  # type: ignore[no-untyped-def]
     """out = iR for the leading (size, size) of R; returns the first row from which R is safely regular."""
     begin = 0
@@ -192,7 +192,7 @@ def _inverse_upper(R, size, out, limit):  # type: ignore[no-untyped-def]
     return begin
 
 
-@njit(cache=True)
+@plain_loop
 def _row_lengths(spread, factor, begin, upper, out):  # type: ignore[no-untyped-def]
     """Lengths of the rows of spread times factor; inf where a row needs an unknown before `begin`.
 
@@ -214,7 +214,7 @@ def _row_lengths(spread, factor, begin, upper, out):  # type: ignore[no-untyped-
         out[i] = np.sqrt(square) if known else np.inf
 
 
-@njit(cache=True)
+@plain_loop
 def _sweep(rows, triangle, spread, truth_rows, inside, outside, formal, true):  # type: ignore[no-untyped-def]
     """Take in all rows; fill the sigma histories (n, s) where they have rows of their own."""
     n, p, width = rows.shape

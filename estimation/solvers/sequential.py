@@ -13,9 +13,9 @@ from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 from scipy.special import gammaincinv
 
+from nebosvod.borders.compiled import plain_loop
 from nebosvod.errors import InputError
 from nebosvod.estimation.problem.estimate import Estimate, Solution, Status
 from nebosvod.estimation.problem.partition import Partition
@@ -125,7 +125,7 @@ class _Sweep:
 # solver would compile five times as long and run no faster.
 
 
-@njit(cache=True)
+@plain_loop
 def _times(A, B):  # type: ignore[no-untyped-def]
     """A B."""
     out = np.zeros((A.shape[0], B.shape[1]))
@@ -136,7 +136,7 @@ def _times(A, B):  # type: ignore[no-untyped-def]
     return out
 
 
-@njit(cache=True)
+@plain_loop
 def _turned(A):  # type: ignore[no-untyped-def]
     """A^T as a plain matrix."""
     out = np.zeros((A.shape[1], A.shape[0]))
@@ -146,7 +146,7 @@ def _turned(A):  # type: ignore[no-untyped-def]
     return out
 
 
-@njit(cache=True)
+@plain_loop
 def _add(A, B, factor):  # type: ignore[no-untyped-def]
     """A <- A + factor B."""
     for i in range(A.shape[0]):
@@ -154,7 +154,7 @@ def _add(A, B, factor):  # type: ignore[no-untyped-def]
             A[i, j] += factor * B[i, j]
 
 
-@njit(cache=True)
+@plain_loop
 def _copy(A, out):  # type: ignore[no-untyped-def]
     """out <- A."""
     for i in range(A.shape[0]):
@@ -162,7 +162,7 @@ def _copy(A, out):  # type: ignore[no-untyped-def]
             out[i, j] = A[i, j]
 
 
-@njit(cache=True)
+@plain_loop
 def _between(A, P):  # type: ignore[no-untyped-def]
     """A P A^T without the asymmetry of round-off."""
     out = _times(_times(A, P), _turned(A))
@@ -172,7 +172,7 @@ def _between(A, P):  # type: ignore[no-untyped-def]
     return out
 
 
-@njit(cache=True)
+@plain_loop
 def _solve(V, B):  # type: ignore[no-untyped-def]
     """iV B for a small positive definite V, by Cholesky; V and B are destroyed."""
     for j in range(len(V)):
@@ -195,7 +195,7 @@ def _solve(V, B):  # type: ignore[no-untyped-def]
     return B
 
 
-@njit(cache=True)
+@plain_loop
 def _split(rows, k, size):  # type: ignore[no-untyped-def]
     """H (p, s_y), v (p, 1) and H_j (p, s_j) of one measurement."""
     p, width = rows.shape[1:]
@@ -209,7 +209,7 @@ def _split(rows, k, size):  # type: ignore[no-untyped-def]
     return H, v, H_j
 
 
-@njit(cache=True)
+@plain_loop
 def _filter(rows, state, S, outside, fresh, rule, limit):  # type: ignore[no-untyped-def]
     """Run the filter over all rows; returns y, P, common, chi2 and the number of rejected measurements."""
     y, P, C, common, parts = state

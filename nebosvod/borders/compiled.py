@@ -38,6 +38,11 @@ def compiled(function: Function, stamp: str = "", cache: bool = True, **options:
     return result
 
 
+def plain_loop(function: Callable[..., Any]) -> Any:
+    """Compile a loop over small matrices, as plain Python would compute it: it may make arrays."""
+    return compiled(function, _nrt=True, error_model="python", nogil=False)
+
+
 _told: list[str] = []
 
 

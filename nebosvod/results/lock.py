@@ -74,13 +74,22 @@ class Lock:
                 if not self._still_there(descriptor):
                     os.close(descriptor)
                     return False
-                os.ftruncate(descriptor, 0)
-                os.pwrite(descriptor, TEXT, 0)
+                self._sign(descriptor)
         except BaseException:
             os.close(descriptor)
             raise
         self._descriptor = descriptor
         return True
+
+    def _sign(self, descriptor: int) -> None:
+        """Write whose file it is; where the disk is full it is not left behind."""
+        try:
+            os.ftruncate(descriptor, 0)
+            os.pwrite(descriptor, TEXT, 0)
+        except OSError:
+            with suppress(OSError):
+                self._path.unlink()
+            raise
 
     def _open(self) -> int:
         """The lock file; where nobody may make one, a folder that stands can be locked itself."""

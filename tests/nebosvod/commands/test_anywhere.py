@@ -118,7 +118,9 @@ with warnings.catch_warnings(record=True) as said:
     @compilation.kernel
     def twice(x):
         return x + x
-    import nebosvod.dynamics.integrator, nebosvod.dynamics.nodes
+    import nebosvod.cli, nebosvod.commands.run, nebosvod.commands.validate
+    import nebosvod.commands.fit_work, nebosvod.commands.plan, nebosvod.engine.montecarlo, nebosvod.dynamics.clones
+    import nebosvod.estimation, nebosvod.estimation.filters, nebosvod.observation, nebosvod.studies.chunk
     assert twice(2.0) == 4.0
 print(compilation.__file__)
 print([str(one.message) for one in said if issubclass(one.category, NebosvodNotice)])
@@ -129,8 +131,10 @@ def test_kernels_work_without_a_place_for_their_cache_and_one_notice_says_so(tmp
     """Files where folders would be made refuse even root."""
     ignored = shutil.ignore_patterns("__pycache__", "*.bsp")
     shutil.copytree(ROOT / "nebosvod", tmp_path / "nebosvod", ignore=ignored)
-    shutil.copytree(ROOT / "dynamics", tmp_path / "nebosvod" / "dynamics", ignore=ignored)
-    (tmp_path / "nebosvod" / "dynamics" / "__pycache__").touch()
+    for stage in ("dynamics", "observation", "estimation", "scenarios"):
+        shutil.copytree(ROOT / stage, tmp_path / "nebosvod" / stage, ignore=ignored)
+    for folder in [path for path in tmp_path.rglob("*") if path.is_dir()]:
+        (folder / "__pycache__").touch()
     environment = {"PATH": os.environ["PATH"], "HOME": "/dev/null"}
     command = [sys.executable, "-c", CACHELESS]  # its path begins with the working directory
     done = subprocess.run(

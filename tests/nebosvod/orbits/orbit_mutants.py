@@ -14,6 +14,7 @@ import signal
 import sys
 from collections import Counter
 from contextlib import suppress
+from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from typing import Any
 
@@ -24,11 +25,20 @@ from nebosvod.dynamics import Ephemeris
 from nebosvod.errors import InputError
 
 HERE = Path(__file__).resolve().parent
-sys.path[:0] = [str(HERE), str(HERE.parent / "results")]
 
-import conftest as seeds  # type: ignore[import-not-found]  # noqa: E402 - beside this file
-from folder_mutants import FILES, TooLong, alarm, mutated_json  # type: ignore[import-not-found]  # noqa: E402
 
+def loaded(path: Path) -> Any:
+    """A module by its file: this is a script, which no package holds."""
+    spec = spec_from_file_location(path.stem, path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+seeds, folders = loaded(HERE / "conftest.py"), loaded(HERE.parent / "results" / "folder_mutants.py")
+FILES, mutated_json = folders.FILES, folders.mutated_json
 LIMIT_BYTES, LIMIT_S = 1_000_000_000, 20
 WORDS = (
     "", "nan", "inf", "1e400", "-1e308", "1e-320", "0", "-0", "9" * 400, "x", "☄", "\x00", "\ufeff", "\u0661", "1d5",
@@ -37,6 +47,15 @@ WORDS = (
     "META_START", "META_STOP", "COVARIANCE_START", "COVARIANCE_STOP", "COV_REF_FRAME = RTN", "CENTER_NAME = EARTH",
     "TIME_SYSTEM = TT", "EPOCH = 9999-12-31T23:59:60", "1_0", "0x10", "\x0c", "\u2028",
 )  # fmt: skip
+
+
+class TooLong(BaseException):
+    """Raised by the alarm; nothing that catches Exception may swallow it."""
+
+
+def alarm(signum: int, frame: object) -> None:
+    """The time of a mutant is over."""
+    raise TooLong
 
 
 def mpc_orb() -> dict[str, Any]:

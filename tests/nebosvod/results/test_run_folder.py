@@ -182,6 +182,20 @@ def test_a_full_disk_leaves_the_last_whole_result(tmp_path: Path, minimal_folder
     assert leftovers(folder) == []
 
 
+def _no_files() -> None:
+    signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))
+
+
+def test_a_disk_without_room_for_the_lock_leaves_no_lock(tmp_path: Path) -> None:
+    for command in (["run", "minimal"], ["validate", "minimal", "--runs", "60"]):
+        call = [*PROGRAM, *command, "-o", str(tmp_path / "run")]
+        done = subprocess.run(call, capture_output=True, text=True, timeout=60, preexec_fn=_no_files, check=False)
+        assert done.returncode == 3, done.stderr
+        assert "cannot write here" in done.stderr
+        assert list(tmp_path.iterdir()) == []
+
+
 def start_long_run(folder: Path, mission: Path) -> "subprocess.Popen[str]":
     """Start a run that takes long (many Monte Carlo runs) and wait until it has begun."""
     mission.write_text((ROOT / "scenarios" / "minimal.yaml").read_text("utf-8") + "monte_carlo: {runs: 50000}\n")
