@@ -10,6 +10,7 @@ import numpy.typing as npt
 import pytest
 
 from nebosvod import UncertainOrbit, read_orbit
+from nebosvod.cli import main
 from nebosvod.dynamics import Ephemeris, propagate
 from nebosvod.errors import InputError
 from nebosvod.orbits.conversion import Given, balanced_factor, elements_of, uncertain
@@ -366,3 +367,16 @@ def carried(orbit: UncertainOrbit, epoch: Epoch) -> tuple[Array, Array]:
     gap = np.array([epoch - orbit.epoch])
     along = propagate(orbit.state, orbit.epoch, gap, orbit.forces(Ephemeris.load()), sensitivities=True)
     return along.state[0], balanced_factor(np.hstack([along.Phi[0], along.zeta[0]]) @ orbit.factor)
+
+
+@needs_data
+def test_a_fit_and_the_message_it_exports_are_one_orbit(tmp_path: Path) -> None:
+    """The message is read where it is best known, two weeks earlier, and comes back by our own flight."""
+    data, folder = SHARED / "data" / "observations" / "2023DW.obs80", tmp_path / "dw"
+    assert main(["fit", str(data), "-o", str(folder), "--export"]) == 0
+    fit, message = read_orbit(folder), read_orbit(folder / "orbit.oem")
+    assert message.epoch < fit.epoch
+    assert message.sigma_position_km < fit.sigma_position_km
+    state, factor = carried(message, fit.epoch)
+    assert np.linalg.norm(np.linalg.solve(fit.factor, state - fit.state)) < 0.05
+    np.testing.assert_allclose(np.linalg.norm(factor[:6], axis=1), fit.sigma, rtol=2e-3)
