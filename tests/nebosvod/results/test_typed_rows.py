@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import fields, is_dataclass, replace
 from itertools import count
 from pathlib import Path
-from types import NoneType, UnionType
+from types import NoneType, SimpleNamespace, UnionType
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -32,9 +32,11 @@ from nebosvod.findings.nonlinearity import Nonlinearity
 from nebosvod.findings.prediction import Answered, Unanswered
 from nebosvod.findings.ratio import NoiseRatio
 from nebosvod.findings.required import Position, RequiredPosition
+from nebosvod.fits.ahead import Ahead
 from nebosvod.fits.answer import Ended, Rejected, StationResiduals
 from nebosvod.fits.missing_force import MissingForce
 from nebosvod.fits.orbit import Comparison
+from nebosvod.fits.shared_errors import SharedError
 from nebosvod.mission.request import EncounterPrediction, SkyPrediction, StatePrediction
 from nebosvod.results import fit_summary, prediction_rows, rows
 from nebosvod.studies import outcomes, verdict_rows
@@ -64,7 +66,7 @@ class Filler:
     def __init__(self, size: int = 3, sigmas: type = StateSigmas) -> None:
         self.numbers, self.size, self.sigmas = count(1001), size, sigmas
 
-    def of(self, kind: Any, **own: Any) -> Any:
+    def of(self, kind: Any, /, **own: Any) -> Any:
         """A dataclass with every field filled, but for those named."""
         hints = get_type_hints(kind)
         return kind(**{f.name: own[f.name] if f.name in own else self.value(hints[f.name]) for f in fields(kind)})
@@ -263,6 +265,20 @@ def share_of(sigmas: type) -> Any:
     return fill.of(StateShare if sigmas is StateSigmas else QuantityShare)
 
 
+def shared_of(fill: Filler) -> SharedError:
+    return fill.of(
+        SharedError, kind="bias", rows=np.array([0, 1]), significance={"bias": 9.5, "wander": 8.25}, span_s=(0.0, 1.0),
+        merit=0.0, worth=0.0,
+    )  # fmt: skip
+
+
+def shared_row(found: SharedError) -> Row:
+    records = SimpleNamespace(utc=np.array(["2029-01-01", "2029-01-02"]), t_s=np.array([0.0, 1.0]))
+    led: Any = SimpleNamespace(material=SimpleNamespace(astrometry=records))
+    general: Any = SimpleNamespace(scene=SimpleNamespace(epoch=Epoch(2460000.5, 0.0)))
+    return fit_summary.shared_error(found, led, general)
+
+
 SIMPLE: dict[str, tuple[Callable[[], Any], Callable[[Any], Row], Row, tuple[str, ...]]] = {
     "budget": (lambda: share_of(StateSigmas), rows.state_share, RUN["$defs"]["source"], ()),
     "required": (lambda: required_of(Filler(), False), rows.required_position, RUN["$defs"]["required_position"], ()),
@@ -279,6 +295,11 @@ SIMPLE: dict[str, tuple[Callable[[], Any], Callable[[Any], Row], Row, tuple[str,
         lambda: Filler().of(Impact, encounter=Filler().of(EncounterFacts, speed_km_s=1001.0, capture_radius_km=None)),
         prediction_rows.impact, RUN["$defs"]["impact"], (),
     ),
+    "ahead": (
+        lambda: Filler().of(Ahead, approaches=(), in_reach=()), fit_summary.ahead_block,
+        FIT["properties"]["ahead"]["oneOf"][1], (),
+    ),
+    "shared error": (lambda: shared_of(Filler(2)), shared_row, FIT["$defs"]["shared_error"], ()),
     "ended": (lambda: Filler().of(Ended), fit_summary.ended, FIT["properties"]["further"]["items"]["oneOf"][1], ()),
     "station": (lambda: Filler(2).of(StationResiduals), fit_summary.station, FIT["$defs"]["station"], ()),
     "rejected": (lambda: Filler(2).of(Rejected), fit_summary.rejected_observation, FIT["$defs"]["rejected"], ()),
@@ -288,7 +309,8 @@ SIMPLE: dict[str, tuple[Callable[[], Any], Callable[[Any], Row], Row, tuple[str,
         fit_summary.missing_force, FIT["$defs"]["missing_force"], (),
     ),
 }  # fmt: skip
-TOLD_OTHERWISE = {"force": ("a1_au_d2", 1001.0), "impact": (1001.0,)}
+OF_A_FIT = ("ahead", "shared error", "ended", "station", "rejected", "reference", "force")
+TOLD_OTHERWISE = {"force": ("a1_au_d2", 1001.0), "impact": (1001.0,), "shared error": (0.0, 0, 1, 1.0)}
 
 
 @pytest.mark.parametrize("name", SIMPLE)
@@ -299,9 +321,11 @@ def test_a_finding_its_row_and_its_schema_agree(name: str) -> None:
     but = TOLD_OTHERWISE.get(name, ())
     if name == "impact":
         but += (found.encounter.ground.latitude_geocentric_deg,)
+    if name == "shared error":
+        but += tuple(leaves(found.size_rad))  # told in arcsec
     assert not lost(found, row, but)
-    assert not undocumented([row], schema, FIT if schema in FIT["$defs"].values() else RUN)
-    assert unwritten([row], schema, FIT if schema in FIT["$defs"].values() else RUN) <= set(elsewhere)
+    assert not undocumented([row], schema, FIT if name in OF_A_FIT else RUN)
+    assert unwritten([row], schema, FIT if name in OF_A_FIT else RUN) <= set(elsewhere)
 
 
 KINDS = {
