@@ -29,6 +29,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from nebosvod.version import __version__
+
 Array = npt.NDArray[np.float64]
 Call = Callable[[], object]
 HERE = Path(__file__).parent
@@ -222,8 +224,8 @@ def machine() -> dict[str, Any]:
         "date": datetime.now(UTC).date().isoformat(),
         "machine": f"{names[0] if names else platform.machine()}, {os.cpu_count()} cores",
         "load": round(os.getloadavg()[0], 1),
-        "versions": {"python": platform.python_version()}
-        | {name: version(name) for name in ("nebosvod", "numpy", "scipy", "numba")},
+        "versions": {"python": platform.python_version(), "nebosvod": __version__}
+        | {name: version(name) for name in ("numpy", "scipy", "numba")},
     }
 
 

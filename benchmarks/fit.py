@@ -104,7 +104,7 @@ def many(forces: ForceModel, objects: int, observations: int, years: float, give
         state[:3] *= rng.uniform(0.97, 1.03)
         starts.append(off(state, rng))
         parts.append(records_of(state, forces, f"X{number:03d}", observations, years, rng))
-    mission = mission_of(["made"], None)
+    mission = mission_of(["made"])
     start, cpu, good = time.perf_counter(), time.process_time(), 0
     for number, (records, state) in enumerate(zip(parts, starts), start=1):
         asked = mission.of(records.objects[0], (), EPOCH, state) if given else mission

@@ -181,7 +181,7 @@ def arc_of(path: Path, designation: str, ephemeris: Ephemeris) -> Arc:
     records = read_astrometry(path)
     records = records.of(designation) if len(records.objects) > 1 else records
     records = records.select(np.array([text[:4] >= FIRST for text in records.utc.tolist()]))
-    found = fit_object(records, mission_of([str(path)], None), ephemeris)
+    found = fit_object(records, mission_of([str(path)]), ephemeris)
     material, keep = found.material, np.flatnonzero(found.general.selected)
     sky = material.weighed(material.sky(found.epoch), found.lean.correction.seen).select(keep)
     return Arc(
