@@ -5,12 +5,13 @@ A page puts the pieces together in groups of its own, so that its script finds a
 
 import io
 import re
+import sys
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Mapping
 from typing import Any
 
 from markupsafe import escape
-from matplotlib import rc_context
+from matplotlib import rc_context, rcdefaults
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
@@ -20,6 +21,8 @@ SETTINGS: dict[Any, Any] = {
     "path.snap": False,
     "lines.scale_dashes": False,
 }
+if "matplotlib.pyplot" not in sys.modules:  # nobody else draws in this process
+    rcdefaults()  # a matplotlibrc of the working directory or the home says nothing about our pages
 SVG, XLINK = "{http://www.w3.org/2000/svg}", "{http://www.w3.org/1999/xlink}"
 NUMBER = re.compile(r"-?\d+\.\d+")
 # what matplotlib writes and every reader assumes anyway

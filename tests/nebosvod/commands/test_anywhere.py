@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -144,3 +145,20 @@ def test_kernels_work_without_a_place_for_their_cache_and_one_notice_says_so(tmp
     place, notices = done.stdout.splitlines()
     assert place.startswith(str(tmp_path))
     assert notices.count("NUMBA_CACHE_DIR") == 1
+
+
+def test_a_matplotlibrc_of_the_working_directory_changes_no_figure(tmp_path: Path) -> None:
+    pages = []
+    for name in ("plain", "odd"):
+        folder = tmp_path / name
+        folder.mkdir()
+        if name == "odd":
+            (folder / "matplotlibrc").write_text(
+                "path.sketch: 10, 100, 2\nlines.linewidth: 20\nbackend: module://evil\n"
+            )
+        command = [sys.executable, "-m", "nebosvod", "run", "minimal", "-o", "run"]
+        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=120, check=False)
+        assert done.returncode == 0, done.stderr
+        pages.append(re.findall(r"<path[^>]*>", (folder / "run" / "report.html").read_text("utf-8")))
+    assert len(pages[0]) > 20
+    assert pages[0] == pages[1]
