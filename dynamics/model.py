@@ -4,7 +4,7 @@ import dataclasses
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -43,7 +43,6 @@ OWN_RADII = 10.0
 # Columns that the kernel integrates; every parameter is a multiple of one of them
 COLUMNS = ("kappa", "a1", "a2", "a3")
 MOST_ARCS = 4  # kept at a time
-SWITCHES = ("asteroids", "earth_oblateness", "sun_oblateness", "earth_shadow")
 
 
 class Physics(NamedTuple):
@@ -102,8 +101,8 @@ class ForceModel:
     Raises
     ------
     InputError
-        For an unknown or repeated parameter, or one of a force that is off; for an unknown switch, or one of the
-        four of yes and no that is neither True nor False.
+        For an unknown or repeated parameter, or one of a force that is off; for an unknown switch, or one of yes
+        and no that is neither True nor False.
 
     Notes
     -----
@@ -149,6 +148,11 @@ class ForceModel:
         gm = np.array([self.ephemeris.gm_km3_s2[body] for body in self.bodies])
         object.__setattr__(self, "_gm", gm)
         object.__setattr__(self, "_columns", self._find_columns())
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """The switches by name: what can be chosen of the forces that act on every object."""
+        return {name: getattr(self, name) for name in SETTINGS}
 
     @property
     def bodies(self) -> tuple[str, ...]:
@@ -274,6 +278,15 @@ class ForceModel:
             for place, factor in wanted[column].items():
                 chain[row, place] = factor
         return np.array(used, dtype=np.int64), chain
+
+
+# What a mission may choose, and a stored orbit keeps; of these, what is yes or no
+SETTINGS = tuple(
+    field.name
+    for field in dataclasses.fields(ForceModel)
+    if field.init and field.name not in ("ephemeris", "radiation", "nongrav", "parameters")
+)
+SWITCHES = tuple(field.name for field in dataclasses.fields(ForceModel) if field.type is bool)
 
 
 def arc_of(forces: ForceModel, epoch: Epoch, low_s: float, high_s: float, margin_s: float) -> Arc:

@@ -64,17 +64,7 @@ def _night(telescope: Telescope) -> str:
 def _forces(mission: Mission) -> str:
     """Every force that acts, in words, and those that were switched off."""
     plan, target = mission.force_model, mission.object
-    without = f" without {', '.join(plan.excluded)}" if plan.excluded else ""
-    relativity = {"sun": "relativity of the Sun", "eih": "relativity of all planets (EIH)", "none": "no relativity"}
-    zonal = {2: "J2", 3: "J2, J3", 4: "J2 to J4"}[plan.earth_harmonics]
-    pole = {"date": "pole of date", "j2000": "pole of J2000"}[plan.earth_pole]
-    said = [
-        "Sun, planets, Moon, Pluto",
-        f"16 asteroids{without}" if plan.asteroids else "no asteroids",
-        relativity[plan.relativity],
-        f"Earth {zonal} ({pole})" if plan.earth_oblateness else "no oblateness of the Earth",
-        "Sun J2" if plan.sun_oblateness else "no oblateness of the Sun",
-    ]
+    said = ["Sun, planets, Moon, Pluto", *plan.statements]
     if target.radiation_parameters:
         said.append("radiation pressure" + ("" if plan.earth_shadow else " without the Earth's shadow"))
     if target.nongrav_parameters:

@@ -277,6 +277,36 @@ class ForcePlan(Block):
     sun_oblateness: bool = Field(True, description="J2 of the Sun")
     ephemeris: str | None = Field(None, description="An SPK file beside the mission, instead of the one found")
 
+    @property
+    def settings(self) -> dict[str, Any]:
+        """The keywords of `ForceModel` that say the same."""
+        return {name: getattr(self, name) for name in type(self).model_fields if name != "ephemeris"}
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """What is said of them in a summary: no detail of a force that is off, none that is off unless told."""
+        meaningless = () if self.earth_oblateness else ("earth_harmonics", "earth_pole")
+        usual = {name: field.default for name, field in type(self).model_fields.items()}
+        return {
+            name: value
+            for name, value in self.settings.items()
+            if name not in meaningless and (value is not False or usual[name] is not False)
+        }
+
+    @property
+    def statements(self) -> tuple[str, ...]:
+        """Every force in words, with those that were switched off."""
+        without = f" without {', '.join(self.excluded)}" if self.excluded else ""
+        relativity = {"sun": "relativity of the Sun", "eih": "relativity of all planets (EIH)", "none": "no relativity"}
+        zonal = {2: "J2", 3: "J2, J3", 4: "J2 to J4"}[self.earth_harmonics]
+        pole = {"date": "pole of date", "j2000": "pole of J2000"}[self.earth_pole]
+        return (
+            f"16 asteroids{without}" if self.asteroids else "no asteroids",
+            relativity[self.relativity],
+            f"Earth {zonal} ({pole})" if self.earth_oblateness else "no oblateness of the Earth",
+            "Sun J2" if self.sun_oblateness else "no oblateness of the Sun",
+        )
+
     def complaints(self) -> list[tuple[KeyPath, str]]:
         """A detail of a force that is off means nothing."""
         found: list[tuple[KeyPath, str]] = []

@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from nebosvod.borders.stored import held_together, read_arrays, read_object, require_version
 from nebosvod.dynamics import Nongrav, RadiationPressure
+from nebosvod.dynamics.model import SETTINGS
 from nebosvod.errors import InputError
 from nebosvod.mission.slugs import array_name
 from nebosvod.orbits.conversion import balanced_factor
@@ -18,8 +19,6 @@ from nebosvod.timescale import Epoch
 Array = npt.NDArray[np.float64]
 SCHEMA_VERSION = 1
 LOGARITHMS = {"ln_radius": "radius_m", "ln_mass": "mass_kg", "ln_albedo": "albedo"}
-SWITCHES = ("asteroids", "relativity", "earth_oblateness", "earth_harmonics", "earth_pole", "sun_oblateness",
-            "earth_shadow")  # fmt: skip
 
 
 def is_folder_of_ours(path: Path) -> bool:
@@ -124,7 +123,7 @@ def _forces(physics: Mapping[str, Any], values: Mapping[str, float]) -> tuple[Ra
 def _settings(physics: Mapping[str, Any]) -> dict[str, Any]:
     """Keywords of the force model."""
     excluded = physics.get("excluded", physics.get("asteroids_excluded", ()))
-    return {name: physics[name] for name in SWITCHES if name in physics} | {"excluded": tuple(excluded)}
+    return {name: physics[name] for name in SETTINGS if name in physics} | {"excluded": tuple(excluded)}
 
 
 def _magnitude(summary: Mapping[str, Any]) -> tuple[float, float] | None:

@@ -180,18 +180,16 @@ def physics(scene: Scene) -> dict[str, Any]:
     if mission.object.radiation_parameters:
         radiation = {name: values[name] for name in sphere} | {"solar_irradiance_w_m2": SOLAR_IRRADIANCE_W_M2}
     magnitude = mission.object.magnitude
-    plan, accelerations = mission.force_model, {name: value for name, value in values.items() if name not in sphere}
-    harmonics = {"earth_harmonics": plan.earth_harmonics, "earth_pole": plan.earth_pole}
+    accelerations = {name: value for name, value in values.items() if name not in sphere}
+    facts = mission.force_model.facts
+    shadow, excluded = facts.pop("earth_shadow"), list(facts.pop("excluded"))
     return {
         "ephemeris": scene.ephemeris.source,
-        "asteroids": plan.asteroids,
-        "asteroids_excluded": list(plan.excluded),
-        "relativity": plan.relativity,
-        "earth_oblateness": plan.earth_oblateness,
-        **(harmonics if plan.earth_oblateness else {}),
-        "sun_oblateness": plan.sun_oblateness,
+        "asteroids": facts.pop("asteroids"),
+        "asteroids_excluded": excluded,
+        **facts,
         "radiation_pressure": radiation,
-        **({"earth_shadow": plan.earth_shadow} if radiation else {}),
+        **({"earth_shadow": shadow} if radiation else {}),
         "nongrav_au_d2": accelerations,
         **({"nongrav_law": mission.object.nongrav_law} if accelerations else {}),
         **({"magnitude": {"H": magnitude.H, "G": magnitude.G}} if magnitude is not None else {}),

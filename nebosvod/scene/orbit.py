@@ -11,7 +11,6 @@ from nebosvod.mission.reading.builtin import builtin_names
 from nebosvod.mission.target import LOGARITHMS
 from nebosvod.mission.yaml.yamlfile import shown
 from nebosvod.orbits.conversion import balanced_factor
-from nebosvod.orbits.folders import SWITCHES
 from nebosvod.orbits.reading import KNOWN, read_orbit_file
 from nebosvod.orbits.uncertain import UncertainOrbit
 from nebosvod.scene.prior import STATE_NAMES, PriorTable, prior_table
@@ -81,7 +80,7 @@ def mission_orbit(mission: Question) -> UncertainOrbit:
         parameter_names=tuple(LOGARITHMS.get(one, one) for one in names[6:]),
         radiation=forces.radiation,
         nongrav=forces.nongrav,
-        settings={switch: getattr(forces, switch) for switch in SWITCHES} | {"excluded": forces.excluded},
+        settings=forces.settings,
         magnitude=None if magnitude is None else (magnitude.H, magnitude.G),
         origin=f"{name} (a mission: its prior)",
         notices=(f"{name}: {', '.join(diffuse)} without a prior: taken as known",) if diffuse else (),

@@ -231,19 +231,11 @@ def force_model(mission: Question, ephemeris: Ephemeris) -> ForceModel:
     if mission.object.radiation_parameters:
         names = ("radius_m", "mass_kg", "albedo", "thermal_emission")
         radiation = RadiationPressure(**{name: value[name] for name in names})
-    plan = mission.force_model
     free = tuple(parameter.name for parameter in mission.free_parameters)
     model = LogarithmicForces if set(free) & set(LOGARITHMS) else ForceModel
     return model(
         ephemeris=ephemeris,
-        asteroids=plan.asteroids,
-        excluded=plan.excluded,
-        relativity=plan.relativity,
-        earth_oblateness=plan.earth_oblateness,
-        earth_harmonics=plan.earth_harmonics,
-        earth_pole=plan.earth_pole,
-        earth_shadow=plan.earth_shadow,
-        sun_oblateness=plan.sun_oblateness,
+        **mission.force_model.settings,
         radiation=radiation,
         nongrav=Nongrav(**nongrav, **mission.object.nongrav_law) if nongrav else None,
         parameters=free,
