@@ -5,8 +5,9 @@ barycentric; P: bodies (rows in window order); VS: velocity of the Sun; A: accel
 dA/dX in rows xx, xy, xz, yy, yz, zz; G, K: dA/dX and dA/dV, nine rows each, row-major. km, s.
 
 What is left out, and how much it is, for a near-Earth asteroid over one year: other asteroids than the 16, 0.01-0.1 km;
-Lense-Thirring effect of the Sun 1e-4 km; figure of the planets other than the Earth, below 1e-6 km unless closer than
-ten radii. What can be switched: post-Newtonian terms of the planets 0.003 km (relativity="eih"); J2 of the Sun 0.01 km.
+figure of the planets other than the Earth, below 1e-6 km unless closer than ten radii. What can be switched:
+post-Newtonian terms of the planets 0.003 km (relativity="eih"); J2 of the Sun 0.01 km; Lense-Thirring effect of the Sun
+0.0005 km (off by default).
 
 An encounter multiplies all of it. Apophis passes the Earth at six radii on 2029-04-13 and stands on 2030-01-01 farther
 away by: J2 1830 km; precession of the pole since 2000 3.3 km; J3 1.8 km; J4 0.14 km; nutation 0.07 km. Left out there:

@@ -18,6 +18,7 @@ from nebosvod.dynamics.constants import (
     AU_KM,
     J2000_JD,
     RADIATION_KM3_S2_PER_M2_KG,
+    SPEED_OF_LIGHT_KM_S,
 )
 from nebosvod.dynamics.ephemeris import ASTEROIDS, BEYOND_S, PLANETS, Ephemeris, Window
 from nebosvod.dynamics.nongrav import Nongrav
@@ -38,6 +39,9 @@ SUN_POLE: Array = np.array(
         np.sin(np.radians(63.87)),
     ]
 )
+# 2 G S/c^2 of the Sun. S = 1.92e41 kg m^2/s by helioseismology (Iorio 2012, Solar Physics 281, 815, who names
+# values some percent apart); G = 6.6743e-11 m^3/(kg s^2), CODATA 2018
+LENSE_THIRRING_KM3_S = 2.0 * 6.6743e-11 * 1.92e41 / (SPEED_OF_LIGHT_KM_S * 1e3) ** 2 * 1e-9
 # An orbit that starts closer to an asteroid than this many radii is that asteroid's own
 OWN_RADII = 10.0
 # Columns that the kernel integrates; every parameter is a multiple of one of them
@@ -52,6 +56,7 @@ class Physics(NamedTuple):
     c2: float  # speed of light squared, km^2/s^2
     mass_ratio: float  # Earth to Moon
     relativity: int  # place in RELATIVITY
+    lense_thirring: float  # 2 G S/c^2 of the Sun, km^3/s; 0 switches the term off
     earth_zonal: Array  # (4,) radius in km, J2, J3, J4
     earth_range: float  # km; 0 switches the zonal harmonics off
     earth_pole_of_date: bool
@@ -87,6 +92,7 @@ class ForceModel:
     ephemeris : where the perturbers are.
     asteroids : whether the 16 asteroids attract.
     relativity : "none", "sun" (Schwarzschild term of the Sun) or "eih" (all planets).
+    lense_thirring : frame dragging by the rotating Sun, beside any of these.
     earth_oblateness : zonal harmonics of the Earth.
     earth_harmonics : the highest of them, 2, 3 or 4.
     earth_pole : "date" (precession and nutation) or "j2000".
@@ -106,14 +112,15 @@ class ForceModel:
 
     Notes
     -----
-    The defaults are what is physically there. Two models of JPL differ and can be had: solution 220 of Apophis (2024)
-    is relativity="eih", sun_oblateness=False, earth_harmonics=2; the small-body code as frozen in its reference state
-    of Apophis is relativity="eih", earth_pole="j2000".
+    The defaults are what is physically there, but the frame dragging, half a metre a year. Two models of JPL differ
+    and can be had: solution 220 of Apophis (2024) is relativity="eih", sun_oblateness=False, earth_harmonics=2; the
+    small-body code as frozen in its reference state of Apophis is relativity="eih", earth_pole="j2000".
     """
 
     ephemeris: Ephemeris
     asteroids: bool = True
     relativity: Relativity = "sun"
+    lense_thirring: bool = False
     earth_oblateness: bool = True
     earth_harmonics: Literal[2, 3, 4] = 4
     earth_pole: Literal["date", "j2000"] = "date"
@@ -246,6 +253,7 @@ class ForceModel:
             c2=float(scalars["speed_of_light_km_s"] ** 2),
             mass_ratio=float(scalars["earth_moon_mass_ratio"]),
             relativity=RELATIVITY.index(self.relativity),
+            lense_thirring=LENSE_THIRRING_KM3_S if self.lense_thirring else 0.0,
             earth_zonal=zonal,
             earth_range=float(OBLATENESS_RANGE_KM if self.earth_oblateness else 0.0),
             earth_pole_of_date=self.earth_pole == "date",

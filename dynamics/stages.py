@@ -15,7 +15,14 @@ from nebosvod.dynamics.forces import expand, near, zonal_harmonics, zonal_harmon
 from nebosvod.dynamics.model import Physics
 from nebosvod.dynamics.nongrav import law_factors, nongrav, nongrav_gradient
 from nebosvod.dynamics.radiation import radiation, radiation_gradient, shade, shade_gradient
-from nebosvod.dynamics.relativity import eih, eih_gradient, sun_relativity, sun_relativity_gradient
+from nebosvod.dynamics.relativity import (
+    eih,
+    eih_gradient,
+    lense_thirring,
+    lense_thirring_gradient,
+    sun_relativity,
+    sun_relativity_gradient,
+)
 from nebosvod.dynamics.workspace import Work
 
 Array = npt.NDArray[np.float64]
@@ -33,6 +40,8 @@ def add_small_forces(n: int, w: Work, p: Physics, A: Array) -> None:
         sun_relativity(n, w.X, w.V, w.P, w.VS, p.gm[SUN], p.c2, A)
     elif p.relativity == 2:
         eih(n, w.X, w.V, w.P, w.W, w.WA, w.U, p.gm, p.c2, w.Q, A)
+    if p.lense_thirring > 0.0:
+        lense_thirring(n, w.X, w.V, w.P, w.VS, p.lense_thirring, p.sun_pole, A)
     if p.radiation_on:
         radiation(n, w.X, w.P, w.strength[0], A)
         if p.shadow_range > 0.0 and near(p.shadow_range, n, w.X, w.P, EARTH):
@@ -86,6 +95,8 @@ def add_small_gradients(n: int, w: Work, p: Physics) -> None:
         sun_relativity_gradient(n, w.X, w.V, w.P, w.VS, p.gm[SUN], p.c2, w.G, w.K)
     elif p.relativity == 2:
         eih_gradient(n, w.X, w.V, w.P, w.W, w.WA, w.U, p.gm, p.c2, w.Q, w.G, w.K)
+    if p.lense_thirring > 0.0:
+        lense_thirring_gradient(n, w.X, w.V, w.P, w.VS, p.lense_thirring, p.sun_pole, w.G, w.K)
     if p.radiation_on and p.shadow_range > 0.0 and near(p.shadow_range, n, w.X, w.P, EARTH):
         shade_gradient(n, w.X, w.P, w.strength[0], p.radiation_unit, w.G, w.F[:24])
     if p.nongrav_on:

@@ -270,6 +270,7 @@ class ForcePlan(Block):
     asteroids: bool = Field(True, description="The attraction of sixteen large asteroids")
     excluded: Several[Perturber] = Field((), description="Those of them that do not attract")
     relativity: Literal["sun", "eih", "none"] = Field("sun", description="Of the Sun alone, or eih: of all planets")
+    lense_thirring: bool = Field(False, description="Frame dragging by the rotating Sun, below a metre a year")
     earth_oblateness: bool = Field(True, description="Zonal harmonics of the Earth")
     earth_harmonics: Literal[2, 3, 4] = Field(4, description="The highest of them")
     earth_pole: Literal["date", "j2000"] = Field("date", description="With precession and nutation, or fixed")
@@ -303,6 +304,7 @@ class ForcePlan(Block):
         return (
             f"16 asteroids{without}" if self.asteroids else "no asteroids",
             relativity[self.relativity],
+            *(("Lense-Thirring effect of the Sun",) if self.lense_thirring else ()),
             f"Earth {zonal} ({pole})" if self.earth_oblateness else "no oblateness of the Earth",
             "Sun J2" if self.sun_oblateness else "no oblateness of the Sun",
         )

@@ -108,6 +108,21 @@ def solar_gradient(s: Scene) -> tuple[Array, Array]:
     return G, K
 
 
+SPIN = 3e5
+
+
+def dragged(s: Scene, X: Array, V: Array) -> Array:
+    A = np.zeros(24, dtype=np.result_type(X, V))
+    plain(relativity.lense_thirring)(8, X, V, s.P, s.W[0], SPIN, s.pole, A)
+    return A
+
+
+def dragged_gradient(s: Scene) -> tuple[Array, Array]:
+    G, K = np.zeros(72), np.zeros(72)
+    plain(relativity.lense_thirring_gradient)(8, s.X, s.V, s.P, s.W[0], SPIN, s.pole, G, K)
+    return G, K
+
+
 def einstein(s: Scene, X: Array, V: Array) -> Array:
     kind = np.result_type(X, V)
     A, Q = np.zeros(24, dtype=kind), np.zeros(32, dtype=kind)
@@ -162,6 +177,7 @@ PAIRS = {
         zonal, lambda s: symmetric(forces.zonal_harmonics_gradient)(s, (3, s.gm[3], s.zonal, s.pole))
     ),
     "Sun's relativity": Pair(solar, solar_gradient),
+    "Lense-Thirring": Pair(dragged, dragged_gradient),
     "EIH": Pair(einstein, einstein_gradient),
     "radiation pressure": Pair(light, light_gradient),
     **{f"A1, A2, A3 by {name}": marsden(law) for name, law in LAWS.items()},

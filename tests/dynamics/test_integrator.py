@@ -18,6 +18,7 @@ EPOCH = Epoch.parse("2029-04-13T20:00:00 TDB")
 OFF: dict[str, Any] = {
     "sun_oblate": False,
     "relativity": 0,
+    "lense_thirring": 0.0,
     "radiation_on": False,
     "shadow_range": 0.0,
     "nongrav_on": False,
@@ -26,6 +27,7 @@ OFF: dict[str, Any] = {
 SWITCHES: dict[str, tuple[dict[str, Any], str]] = {
     "J2 of the Sun": ({"sun_oblate": True}, "far"),
     "relativity of the Sun": ({"relativity": 1}, "far"),
+    "Lense-Thirring effect": ({"lense_thirring": 3e5}, "far"),
     "EIH": ({"relativity": 2}, "far"),
     "EIH near the Earth": ({"relativity": 2}, "near"),
     "radiation": ({"radiation_on": True}, "far"),
