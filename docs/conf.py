@@ -47,6 +47,7 @@ def _adapt(app: Any, name: str, source: list[str]) -> None:
 
 ENTRY = re.compile(r"^([\w*, ]+) : (.*)$")
 SECTIONS = ("Parameters", "Attributes", "Returns")
+_SENTENCES: dict[str, list[str]] = {}
 
 
 def _plain(app: Any, what: str, name: str, thing: Any, options: Any, lines: list[str]) -> None:
@@ -73,9 +74,18 @@ def _plain(app: Any, what: str, name: str, thing: Any, options: Any, lines: list
         else:
             made.append(text)
     lines[:] = made
+    if what in ("property", "attribute", "data") and not section:
+        _SENTENCES[name] = made
+
+
+def _sentence(app: Any, what: str, name: str, thing: Any, options: Any, lines: list[str]) -> None:
+    """Give a property its sentence back: napoleon takes what stands before a colon in it for a type."""
+    if name in _SENTENCES:
+        lines[:] = _SENTENCES.pop(name)
 
 
 def setup(app: Any) -> None:
     """Sphinx calls this once."""
     app.connect("source-read", _adapt)
     app.connect("autodoc-process-docstring", _plain, priority=400)  # before napoleon
+    app.connect("autodoc-process-docstring", _sentence, priority=600)
