@@ -258,7 +258,7 @@ def test_a_run_does_not_depend_on_environment_and_locale(tmp_path: Path) -> None
     for number, environment in enumerate(environments):
         folder = tmp_path / str(number)
         command = [*PROGRAM, "run", "minimal", "-o", str(folder)]
-        done = subprocess.run(command, capture_output=True, text=True, timeout=120, env=environment, check=False)
+        done = subprocess.run(command, capture_output=True, text=True, timeout=300, env=environment, check=False)
         assert done.returncode == 0, done.stderr
         texts.append((folder / "summary.json").read_bytes())
     assert texts[0] == texts[1]
