@@ -16,7 +16,7 @@ from nebosvod.engine.facts import SkyFacts, StateFacts
 from nebosvod.engine.fitting import Fit
 from nebosvod.engine.quantity import Quantity
 from nebosvod.errors import EventError, InputError
-from nebosvod.findings.displacement import moved_point, moved_quantities, of_the_state, on_the_sky
+from nebosvod.findings.displacement import as_seen, moved_point, moved_quantities, of_the_state
 from nebosvod.observation import sight
 from nebosvod.scene.point import Point
 from nebosvod.scene.scene import Scene
@@ -93,7 +93,8 @@ def _displaced(scene: Scene, one: Quantity, flown: Clones, place: int) -> Array:
         near = _Near(epoch=scene.epoch, t_s=flown.t_s[place], state=states[here], gm=scene.ephemeris.gm_km3_s2["sun"])
         at = np.full(int(here.sum()), one.epoch - scene.epoch)
         orbits = cast(Trajectory, near)  # of which light time asks epoch and states alone
-        found[here] = on_the_sky(one.facts, sight(orbits, telescope.spacecraft, at, scene.ephemeris).psi)
+        seen = sight(orbits, telescope.spacecraft, at, scene.ephemeris)
+        found[here] = as_seen(one, one.facts, seen.psi, seen.distance_km)
     return found
 
 

@@ -29,7 +29,8 @@ def displaced(base: Quantity, other: Quantity) -> Array | None:
             return None
         return ground_displacement(base.anchor, base.axes, other.anchor)
     if isinstance(base.facts, SkyFacts) and isinstance(other.facts, SkyFacts):
-        return np.asarray(on_the_sky(base.facts, np.radians([[other.facts.ra_deg, other.facts.dec_deg]]))[0])
+        psi = np.radians([[other.facts.ra_deg, other.facts.dec_deg]])
+        return np.asarray(as_seen(base, base.facts, psi, np.array([other.facts.distance_km]))[0])
     if base.axes is None:
         return None if base.value is None or other.value is None else np.asarray(other.value - base.value)
     if isinstance(base.facts, StateFacts) and isinstance(other.facts, StateFacts):
@@ -43,7 +44,17 @@ def displaced(base: Quantity, other: Quantity) -> Array | None:
     return np.asarray(base.axes[[0, 2]] @ point - base.value)
 
 
-def on_the_sky(base: SkyFacts, psi: Array) -> Array:
+def as_seen(base: Quantity, facts: SkyFacts, psi: Array, distance_km: Array) -> Array:
+    """What orbits seen at psi (n, 2), rad, and distances (n,) change in a quantity that a telescope sees.
+
+    Offsets (n, 2) from the direction of the base, RA cos Dec and Dec, arcsec; (n, 1) from its value, where it has one.
+    """
+    if base.value is not None:
+        return np.asarray(distance_km[:, None] - base.value)
+    return _on_the_sky(facts, psi)
+
+
+def _on_the_sky(base: SkyFacts, psi: Array) -> Array:
     """Offsets (n, 2) of directions psi (n, 2), rad, from that of the base: RA cos Dec and Dec, arcsec."""
     turn = (psi[:, 0] - np.radians(base.ra_deg) + np.pi) % (2.0 * np.pi) - np.pi
     north = np.radians(base.dec_deg)

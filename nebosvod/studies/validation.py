@@ -27,6 +27,7 @@ from nebosvod.mission import Mission
 from nebosvod.mission.reading.cost import MAX_RUNS
 from nebosvod.mission.reading.reader import require_mission
 from nebosvod.mission.request import OWN_GAIN
+from nebosvod.mission.vocabulary import PLANES
 from nebosvod.results.result import json_text
 from nebosvod.scene.prior import STATE_NAMES
 from nebosvod.studies.campaign import NIS_ROWS, Campaign, CampaignFolder
@@ -44,16 +45,6 @@ AGREEMENT_SIGMA = 1e-6  # between one factorisation for all runs and the estimat
 MIN_RUNS = 20
 FEWEST = 2  # estimates that can be judged: a scatter needs two
 AXES = ("radially", "along the track", "normal to the orbit plane")
-COMPONENTS = {
-    "sky": ("RA*", "Dec"),
-    "position": ("x", "y", "z"),
-    "rtn": ("radial", "transverse", "normal"),
-    "rtn_velocity": ("radial", "transverse", "normal"),
-    "b_plane": ("xi", "zeta"),
-    "mtp": ("xi", "zeta"),
-    "perigee_distance": ("distance",),
-    "entry": ("downrange", "crossrange"),
-}
 MODES = {
     "linear": "truths linear about the reference orbit, measured through the full geometry, estimated with one "
     "factorisation of the problem at the reference orbit and judged by the covariance there",
@@ -335,7 +326,7 @@ def _predicted(setting: Setting, names: tuple[str, ...]) -> list[Direction]:
     found = []
     for asked in predicted(setting.scene, setting.scene.trajectory, setting.scene.mission.predictions).found:
         request = asked.request
-        labels = COMPONENTS.get(request.plane, ())
+        labels = PLANES[request.plane].components
         for k, row in enumerate(asked.partials_by(names)):
             label = labels[k] if k < len(labels) else f"component {k + 1}"
             found.append(Direction(group=request.name, name=label, unit=asked.unit, weights=row))

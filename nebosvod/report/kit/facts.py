@@ -5,17 +5,13 @@ import math
 from markupsafe import Markup
 
 from nebosvod.findings.kinds import kind_of
+from nebosvod.mission.vocabulary import PLANES
 from nebosvod.report.kit import wording
 from nebosvod.report.kit.wording import percent, product, quantity
 from nebosvod.results.folder import Item, RunFolder
 from nebosvod.results.outlook import moment_words, unit_of
 
-WEIGHT = (
-    "entry",
-    "b_plane",
-    "mtp",
-    "perigee_distance",
-)  # planes a reader asks for first; the others follow in the mission's order
+LEADING = [name for name, plane in PLANES.items() if plane.leads]  # the others follow in the mission's order
 PRIOR_ORBITS = ("prior orbit", "prior orbit and parameters")  # the sources that are an orbit known beforehand
 
 
@@ -33,7 +29,7 @@ def formal_ratio(main: Item) -> float | None:
 def leading(run: RunFolder, main: Item) -> list[Item]:
     """The predictions of the main estimator, target planes and closest approaches first."""
     every = run.predictions(main["name"])
-    return sorted(every, key=lambda p: WEIGHT.index(p["plane"]) if p["plane"] in WEIGHT else len(WEIGHT))
+    return sorted(every, key=lambda p: LEADING.index(p["plane"]) if p["plane"] in LEADING else len(LEADING))
 
 
 def position_shares(run: RunFolder, main: Item) -> list[tuple[str, float]]:

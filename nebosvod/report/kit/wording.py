@@ -10,6 +10,8 @@ from typing import TypeGuard
 
 from markupsafe import Markup
 
+from nebosvod.mission.vocabulary import PLANES
+
 MINUS, THIN, NBSP, TIMES = (
     "\N{MINUS SIGN}",
     "\N{NARROW NO-BREAK SPACE}",
@@ -29,16 +31,6 @@ LADDER: dict[str, tuple[tuple[float, float, str], ...]] = {
 }
 UNIT_TEXT = {"km_s": "km/s", "m_s": "m/s", "au_d2": "au/d²", "deg": "°", "1": "", "": ""}
 
-PLANES: dict[str, tuple[str, tuple[str, ...]]] = {
-    "sky": ("plane of the sky", ("RA cos Dec", "Dec")),
-    "b_plane": ("b-plane", ("ξ", "ζ")),
-    "mtp": ("target plane at closest approach", ("ξ", "ζ")),
-    "rtn": ("position (radial, transverse, normal)", ("radial", "transverse", "normal")),
-    "rtn_velocity": ("velocity (radial, transverse, normal)", ("radial", "transverse", "normal")),
-    "position": ("heliocentric position (ICRF)", ("x", "y", "z")),
-    "perigee_distance": ("closest-approach distance", ("distance",)),
-    "entry": ("entry point", ("downrange", "crossrange")),
-}
 PARAMETERS = {
     "radius_m": ("radius", "m"),
     "mass_kg": ("mass", "kg"),
@@ -195,13 +187,13 @@ def moment(epoch: str) -> Markup:
 
 def plane_name(plane: str, body: str | None = None) -> str:
     """The plane of a prediction by its full name, with the body it is centred on."""
-    name = PLANES.get(plane, (plane.replace("_", " "), ()))[0]
+    name = PLANES[plane].words if plane in PLANES else plane.replace("_", " ")
     return f"{body.capitalize()} {name}" if body else name
 
 
 def axis_names(plane: str, size: int) -> tuple[str, ...]:
     """Names of a prediction's components."""
-    names = PLANES.get(plane, ("", ()))[1]
+    names = PLANES[plane].symbols if plane in PLANES else ()
     return names if len(names) == size else tuple(f"component {i + 1}" for i in range(size))
 
 

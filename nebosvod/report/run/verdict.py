@@ -8,7 +8,7 @@ from markupsafe import Markup, escape
 
 from nebosvod.report.kit import wording
 from nebosvod.report.kit.facts import (
-    WEIGHT,
+    LEADING,
     earlier_orbit,
     formal_ratio,
     grouped,
@@ -145,7 +145,7 @@ def _orbit(run: RunFolder, main: Item) -> Markup:
 def _predictions(run: RunFolder, main: Item) -> list[Markup]:
     """One sentence for each prediction at an encounter (the first if there is none): 1 sigma, 3 sigma, impact."""
     every = leading(run, main)
-    told = [p for p in every if p["plane"] in WEIGHT] or every[:1]
+    told = [p for p in every if p["plane"] in LEADING] or every[:1]
     sentences = []
     for p in told:
         unit = unit_of(p)

@@ -1,0 +1,38 @@
+"""Words of the mission file that other rooms speak too: one row for each, in one place."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Plane:
+    """What a prediction can be about.
+
+    Attributes
+    ----------
+    words : on a page.
+    components : of its error, in plain letters; symbols : the same on a page.
+    leads : whether a reader asks for it before the others.
+    """
+
+    words: str
+    components: tuple[str, ...]
+    symbols: tuple[str, ...]
+    leads: bool = False
+
+
+RTN = ("radial", "transverse", "normal")
+PLANES: Mapping[str, Plane] = {  # those that lead in the order of their rank
+    "entry": Plane(
+        words="entry point", components=("downrange", "crossrange"), symbols=("downrange", "crossrange"), leads=True
+    ),
+    "b_plane": Plane(words="b-plane", components=("xi", "zeta"), symbols=("ξ", "ζ"), leads=True),
+    "mtp": Plane(words="target plane at closest approach", components=("xi", "zeta"), symbols=("ξ", "ζ"), leads=True),
+    "perigee_distance": Plane(
+        words="closest-approach distance", components=("distance",), symbols=("distance",), leads=True
+    ),
+    "sky": Plane(words="plane of the sky", components=("RA*", "Dec"), symbols=("RA cos Dec", "Dec")),
+    "rtn": Plane(words="position (radial, transverse, normal)", components=RTN, symbols=RTN),
+    "rtn_velocity": Plane(words="velocity (radial, transverse, normal)", components=RTN, symbols=RTN),
+    "position": Plane(words="heliocentric position (ICRF)", components=("x", "y", "z"), symbols=("x", "y", "z")),
+}
