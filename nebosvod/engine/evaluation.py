@@ -4,6 +4,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nebosvod.dynamics import Trajectory
+from nebosvod.dynamics.constants import SPEED_OF_LIGHT_KM_S
 from nebosvod.dynamics.impact import BELOW_S, MOST_STEPS, what_it_hits
 from nebosvod.engine.approach import encounter_quantity
 from nebosvod.engine.facts import ImpactFacts, NoEventError, SkyFacts, StateFacts
@@ -39,7 +40,7 @@ def quantity(scene: Scene, trajectory: Trajectory, request: Prediction, about: E
         _require_covered(scene, trajectory, request)
         _require_reached(scene, trajectory, request)
         if isinstance(request, SkyPrediction):
-            return _sky(scene, trajectory, request)
+            return _seen(scene, trajectory, request)
         return _state(scene, trajectory, request)
     except CoverageError as error:
         raise NoAnswerError(str(error), status="not_covered") from None
@@ -83,8 +84,13 @@ def _require_alive(scene: Scene, trajectory: Trajectory, request: SkyPrediction 
         )
 
 
-def _sky(scene: Scene, trajectory: Trajectory, request: SkyPrediction) -> Quantity:
-    """Offsets in RA* and Dec, arcsec, as a telescope sees them (astrometric)."""
+def _seen(scene: Scene, trajectory: Trajectory, request: SkyPrediction) -> Quantity:
+    """Offsets in RA* and Dec, arcsec, as a telescope sees them (astrometric); or the distance its light came, km.
+
+    Notes
+    -----
+    rho = |r(t - tau) - r_telescope(t)| with c tau = rho, so d rho (1 + u.V / c) = u.dr, V the velocity at emission.
+    """
     telescope = next(t for t in scene.telescopes if t.name == request.telescope)
     seen = observe(trajectory, telescope, np.array([request.at - scene.epoch]), scene.ephemeris)
     facts = SkyFacts(
@@ -93,6 +99,13 @@ def _sky(scene: Scene, trajectory: Trajectory, request: SkyPrediction) -> Quanti
         dec_deg=float(np.degrees(seen.psi[0, 1])),
         distance_km=float(seen.distance_km[0]),
     )
+    if request.plane == "distance":
+        u, V = seen.u[0], seen.target_state[0, 3:]
+        along = u[None] / (1.0 + u @ V / SPEED_OF_LIGHT_KM_S)
+        by_state, by_parameters = along @ seen.Phi_emission[0], along @ seen.zeta_emission[0]
+        return make_quantity(
+            request, request.at, "km", seen.distance_km.copy(), by_state, by_parameters, trajectory, facts
+        )
     return make_quantity(
         request, request.at, "arcsec", None, seen.H_x0[0] / ARCSEC, seen.H_c[0] / ARCSEC, trajectory, facts
     )

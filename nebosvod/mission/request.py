@@ -188,10 +188,10 @@ class Estimator(Block):
 
 
 class SkyPrediction(Block):
-    """The error ellipse on the sky as one telescope sees it."""
+    """The error ellipse on the sky as one telescope sees it, or the error of its distance from there."""
 
     name: Text
-    plane: Literal["sky"]
+    plane: Literal["sky", "distance"]
     telescope: Text = Field(alias="from", description="Name of a telescope")
     at: When
 

@@ -32,6 +32,7 @@ PLANES: Mapping[str, Plane] = {  # those that lead in the order of their rank
         words="closest-approach distance", components=("distance",), symbols=("distance",), leads=True
     ),
     "sky": Plane(words="plane of the sky", components=("RA*", "Dec"), symbols=("RA cos Dec", "Dec")),
+    "distance": Plane(words="distance from a telescope", components=("distance",), symbols=("distance",)),
     "rtn": Plane(words="position (radial, transverse, normal)", components=RTN, symbols=RTN),
     "rtn_velocity": Plane(words="velocity (radial, transverse, normal)", components=RTN, symbols=RTN),
     "position": Plane(words="heliocentric position (ICRF)", components=("x", "y", "z"), symbols=("x", "y", "z")),

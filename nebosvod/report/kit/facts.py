@@ -49,7 +49,7 @@ def size(prediction: Item) -> Markup:
     mean = prediction.get(f"mean_{unit}")
     if len(axes) > 1:
         return product(axes, unit)
-    if mean and prediction["plane"] == "perigee_distance":
+    if mean:
         return wording.with_sigma(mean[0], axes[0], unit)
     return Markup("± {}").format(quantity(axes[0], unit))
 
