@@ -26,10 +26,10 @@ from nebosvod.mission.fields import (
 )
 from nebosvod.mission.found import FoundOrbit, without_found
 from nebosvod.mission.orbit import Frame
+from nebosvod.mission.vocabulary import Method
 from nebosvod.mission.yaml.inherit import MAX_TELESCOPES
 from nebosvod.timescale import Epoch
 
-Method = Literal["batch_qr", "batch_blocks", "batch_identity", "recursive", "two_stage", "schmidt", "as_printed"]
 OWN_GAIN = ("schmidt", "as_printed")  # methods whose gain is not that of least squares
 FROM_A_PRIOR = ("two_stage", *OWN_GAIN)  # methods that start from a prior of everything they estimate
 PARAMETER_GROUPS = ("radius", "mass", "albedo", "thermal_emission", "A1", "A2", "A3", "a1_residual")

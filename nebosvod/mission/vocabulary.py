@@ -2,6 +2,18 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Literal
+
+Method = Literal["batch_qr", "batch_blocks", "batch_identity", "recursive", "two_stage", "schmidt", "as_printed"]
+METHODS: Mapping[str, str] = {
+    "batch_qr": "batch least squares, QR",
+    "batch_blocks": "batch least squares, blocks",
+    "batch_identity": "batch least squares, matrix identity",
+    "recursive": "recursive, augmented",
+    "schmidt": "Schmidt-Kalman",
+    "two_stage": "two-stage (bias-separated)",
+    "as_printed": "recursive, as printed",
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

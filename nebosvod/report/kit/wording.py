@@ -62,15 +62,6 @@ REASON = {  # why an estimator that did not converge has no answer
     "not_observable": "the measurements and priors do not determine every estimated quantity",
     "diverged": "the fit diverged",
 }
-METHODS = {
-    "batch_qr": "batch least squares, QR",
-    "batch_blocks": "batch least squares, blocks",
-    "batch_identity": "batch least squares, matrix identity",
-    "recursive": "recursive, augmented",
-    "schmidt": "Schmidt-Kalman",
-    "two_stage": "two-stage (bias-separated)",
-    "as_printed": "recursive, as printed",
-}
 
 
 def number(value: float, digits: int = 3) -> str:
