@@ -16,11 +16,12 @@ from nebosvod.estimation.problem.descent import Step, Trial, descend
 from nebosvod.estimation.problem.estimate import Estimate, Status
 from nebosvod.estimation.problem.partition import Partition
 from nebosvod.estimation.problem.problem import LinearProblem
-from nebosvod.estimation.problem.square_root import whiten
+from nebosvod.estimation.problem.square_root import left_inverse, whiten
 from nebosvod.estimation.problem.whitening import Whitener
 from nebosvod.estimation.solvers.batch import solve as solve_batch
 
 Array = npt.NDArray[np.float64]
+LEAST_DAMPING = 1e-3  # Marquardt's parameter of the first step that is bent; it grows to 1e9
 Linearise = Callable[[Mapping[str, float]], LinearProblem]
 
 
@@ -57,6 +58,7 @@ def gauss_newton(
     tolerance: float = 1e-4,
     limit: int = 20,
     damped: bool = True,
+    bent: bool = False,
 ) -> IterationResult:
     """Minimise the nonlinear cost, residuals plus priors, by damped Gauss-Newton steps.
 
@@ -71,6 +73,7 @@ def gauss_newton(
     damped : False takes every step whole: for a solver with a gain of its own, whose estimate is not the minimum of
         this cost. Such an iteration has converged only if its cost has not grown beyond what its own first step, in a
         linear world, would have made of it.
+    bent : whether a step that must be shortened also turns towards steepest descent, as Levenberg's and Marquardt's.
 
     Returns
     -------
@@ -104,7 +107,7 @@ def gauss_newton(
         return Step(what=estimate, length=step_length(estimate) if sound else np.inf, promised=promised, sound=sound)
 
     def attempt(at: Linearised, step: Step[Estimate], fraction: float) -> Trial[Linearised] | None:
-        return _tried(linearise, at, step.what, fraction)
+        return _tried(linearise, at, step.what, _bent(step.what, fraction) if bent else fraction * step.what.mean)
 
     at = Linearised(deviation=begin, problem=problem)
     ended = descend(at, cost(at.recentred), solved, attempt, tolerance=tolerance, limit=limit, damped=damped)
@@ -190,9 +193,25 @@ def _linear_cost(problem: LinearProblem, estimate: Estimate) -> float:
     return cost(recentred(replace(problem, residual=moved), step))
 
 
-def _tried(linearise: Linearise, start: Linearised, estimate: Estimate, fraction: float) -> Trial[Linearised] | None:
-    """Take a fraction of a step; None where there is no problem."""
-    deviation = {name: start.deviation[name] + fraction * step for name, step in zip(estimate.names, estimate.mean)}
+def _bent(estimate: Estimate, fraction: float) -> Array:
+    """The step (s,) that Marquardt's parameter l = 1e-3 (1 / fraction - 1)^2 makes of a full one; the full one for 1.
+
+    (N + l diag N) p = N p0 with N the information matrix, p0 the full step [Marquardt 1963, J. SIAM 11, 431]: from
+    K = S S^T = N^-1, p = S (I + l S^T D S)^-1 S^-1 p0. Common nuisances take part, others are marginalised in K.
+    """
+    damping = LEAST_DAMPING * (1.0 / fraction - 1.0) ** 2
+    if damping == 0.0:
+        return estimate.mean
+    inverse, S = left_inverse(estimate.S_formal), estimate.S_formal
+    D = np.sum(inverse**2, axis=0)
+    core = np.eye(S.shape[1]) + damping * (S.T * D) @ S
+    step: Array = S @ np.linalg.solve(core, inverse @ estimate.mean)
+    return step
+
+
+def _tried(linearise: Linearise, start: Linearised, estimate: Estimate, step: Array) -> Trial[Linearised] | None:
+    """Take a step (s,); None where there is no problem."""
+    deviation = {name: start.deviation[name] + change for name, change in zip(estimate.names, step)}
     try:
         at = Linearised(deviation=deviation, problem=linearise(deviation))
         weighed = replace(at.problem, R=start.problem.R, white=start.problem.white, markov=start.problem.markov)

@@ -40,6 +40,7 @@ SOLVERS: Mapping[str, Callable[[LinearProblem], Estimate]] = {
     "two_stage": separated.solve,
     "schmidt": partial(sequential.solve, gain="schmidt"),
     "as_printed": as_printed,
+    "levenberg_marquardt": partial(batch.solve, way="qr"),
 }
 
 
@@ -141,7 +142,14 @@ def converge(
         return problem
 
     solve, damped = SOLVERS[estimator.method], estimator.method not in OWN_GAIN
-    found = gauss_newton(linearise, solve=solve, limit=estimator.iterations, damped=damped, tolerance=tolerance)
+    found = gauss_newton(
+        linearise,
+        solve=solve,
+        limit=estimator.iterations,
+        damped=damped,
+        tolerance=tolerance,
+        bent=estimator.method == "levenberg_marquardt",
+    )
     # the last call of the iteration may have been a rejected trial: then the view is taken anew where it ended
     if latest[0][0] != {name: value for name, value in found.deviation.items() if value != 0.0}:
         linearise(found.deviation)

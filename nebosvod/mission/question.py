@@ -144,7 +144,7 @@ class Question(Block):
 
     @property
     def orbit_given(self) -> Orbit | None:
-        """The orbit that the file gives, whose covariance is meant by `prior: orbit`; None where it gives none."""
+        """The orbit that the file gives, whose covariance the prior `orbit` means; None where it gives none."""
         return self.object.orbit
 
     def beside(self, name: str) -> Path:

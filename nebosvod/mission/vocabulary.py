@@ -4,7 +4,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-Method = Literal["batch_qr", "batch_blocks", "batch_identity", "recursive", "two_stage", "schmidt", "as_printed"]
+Method = Literal[
+    "batch_qr", "batch_blocks", "batch_identity", "recursive", "two_stage", "schmidt", "as_printed",
+    "levenberg_marquardt",
+]  # fmt: skip
 METHODS: Mapping[str, str] = {
     "batch_qr": "batch least squares, QR",
     "batch_blocks": "batch least squares, blocks",
@@ -13,6 +16,7 @@ METHODS: Mapping[str, str] = {
     "schmidt": "Schmidt-Kalman",
     "two_stage": "two-stage (bias-separated)",
     "as_printed": "recursive, as printed",
+    "levenberg_marquardt": "batch least squares, steps of Levenberg and Marquardt",
 }
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from markupsafe import Markup
 
 from nebosvod.estimation.accuracy.formed import matrix_of
+from nebosvod.mission.vocabulary import METHODS
 from nebosvod.report.kit import wording
 from nebosvod.report.kit.facts import formal_ratio, impact_clause, leading, when
 from nebosvod.report.kit.wording import DASH, finite, percent, product, quantity, series
@@ -224,7 +225,7 @@ def estimator_table(run: RunFolder) -> Table:
         ratio, dof = formal_ratio(e), e.get("dof")
         reduced = e["chi2"] / dof if dof and finite(e.get("chi2")) else None
         rows.append((
-            e["name"], wording.METHODS.get(e["method"], e["method"].replace("_", " ")), e["status"].replace("_", " "),
+            e["name"], METHODS.get(e["method"], e["method"].replace("_", " ")), e["status"].replace("_", " "),
             str(e["iterations"]) if e.get("iterations") is not None else DASH,
             quantity(e.get("sigma_position_km"), "km"), quantity(e.get("sigma_formal_position_km"), "km"),
             quantity(ratio, "", 4), quantity(e.get("sigma_velocity_m_s"), "m_s"),

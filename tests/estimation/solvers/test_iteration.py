@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from nebosvod.estimation import Block, LinearProblem, Prior, Status, White, gauss_newton
-from nebosvod.estimation.solvers.iteration import cost
+from nebosvod.estimation.solvers.batch import solve
+from nebosvod.estimation.solvers.iteration import _bent, cost
 
 BEACONS = np.array([[0.0, 0.0], [10.0, 0.0], [3.0, 8.0]])
 
@@ -87,6 +88,41 @@ def test_a_bad_start_is_damped_and_converges():
     assert 3.0 + found.deviation["x"] == pytest.approx(0.0, abs=1e-4)
     assert min(found.damping) < 1.0
     assert all(later < earlier for earlier, later in zip(found.cost, found.cost[1:]))
+
+
+TIMES = np.arange(10) / 3.0
+DECAYS = np.exp(-TIMES) + 5.0 * np.exp(-3.0 * TIMES)
+
+
+def two_decays(deviation):
+    """Rates and sizes of two exponentials from rates that are almost one: the normal matrix is almost singular."""
+    p = np.array([1.9, 2.0, 3.0, 3.0]) + [deviation.get(name, 0.0) for name in "abcd"]
+    one, two = np.exp(-p[0] * TIMES), np.exp(-p[1] * TIMES)
+    H = np.stack([-p[2] * TIMES * one, -p[3] * TIMES * two, one, two], axis=1)
+    v = DECAYS - p[2] * one - p[3] * two
+    return LinearProblem(residual=v[:, None], R=np.eye(1), blocks=(Block(name="p", names=tuple("abcd"), H=H[:, None]),))
+
+
+@pytest.mark.filterwarnings("ignore:overflow")  # trial steps far off, which are then shortened
+def test_levenberg_and_marquardt_leave_an_almost_singular_place_in_fewer_steps():
+    straight, bent = (gauss_newton(two_decays, bent=way, tolerance=1e-9, limit=200) for way in (False, True))
+    assert bent.status is Status.CONVERGED
+    found = np.array([1.9, 2.0, 3.0, 3.0]) + [bent.deviation[name] for name in "abcd"]
+    assert sorted(zip(found[:2], found[2:])) == [
+        pytest.approx((1.0, 1.0), abs=1e-6), pytest.approx((3.0, 5.0), abs=1e-6)
+    ]  # fmt: skip
+    assert 2 * bent.iterations < straight.iterations
+
+
+def test_a_bent_step_solves_marquardts_equations():
+    problem = range_problem((4.0, 3.0), (6.0, 6.0), prior_sigma=2.0)({})
+    estimate = solve(problem)
+    H, v = problem.blocks[0].H[:, 0], problem.residual[:, 0]
+    N = H.T @ H / 0.01 + np.eye(2) / 4.0
+    for fraction in (1.0, 0.5, 2.0**-10):
+        damping = 1e-3 * (1.0 / fraction - 1.0) ** 2
+        wanted = np.linalg.solve(N + damping * np.diag(np.diag(N)), H.T @ v / 0.01)
+        np.testing.assert_allclose(_bent(estimate, fraction), wanted, rtol=1e-10)
 
 
 def test_the_limit_of_iterations_is_a_status_with_the_last_point():

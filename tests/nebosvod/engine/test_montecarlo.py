@@ -167,7 +167,7 @@ def test_run_i_does_not_depend_on_how_many_runs_there_are(minimal_setting: Setti
     assert np.array_equal(few, many[:3])
 
 
-@pytest.mark.parametrize("method", ["batch_qr", "batch_blocks", "batch_identity", "recursive"])
+@pytest.mark.parametrize("method", ["batch_qr", "batch_blocks", "batch_identity", "recursive", "levenberg_marquardt"])
 @pytest.mark.parametrize("treatment", ["estimated", "considered", "ignored"])
 def test_one_factorisation_gives_what_each_method_gives_from_the_measurements_on(
     minimal: Mission, make_setting: Callable[[Mission], Setting], method: str, treatment: str
