@@ -1,6 +1,6 @@
 """Pages of an orbit that was given: its ephemeris, and its approaches."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +15,12 @@ from nebosvod.report.kit.plate import BLUE, GREY, INK, VERMILION, Plate, thin
 from nebosvod.report.kit.scale import calendar, linear, logarithmic
 from nebosvod.report.kit.wording import count, moment, quantity
 from nebosvod.report.run.tables import Cell, Table
+from nebosvod.results.ahead_words import CALLED
 from nebosvod.timescale import SECONDS_PER_DAY, Epoch
 from nebosvod.units import AU_KM
 
 Item = Mapping[str, Any]
+NOTED = 1e-6  # a chance of impact from which the verdict is a caution
 SHOWN = 400  # rows of an ephemeris on the page; the table in the folder has them all
 FIGURES = {"semi_major_arcsec": "long axis of the 1σ ellipse, arcsec", "distance_au": "distance, au"}
 
@@ -52,12 +54,22 @@ def make_approaches_page(folder: Path) -> str:
         title=summary["title"],
         summary=summary,
         lead=f"{summary['from_utc'][:10]} to {summary['to_utc'][:10]}, within {summary['within_au']:g} au",
-        tone="caution" if summary["ended"] or summary["warnings"] else "good",
+        tone="caution" if summary["ended"] or summary["warnings"] or _likely(rows) >= NOTED else "good",
         headline=_said(summary),
         plates=[_distances(rows)] if rows else [],
         rows_title="Approaches",
         rows=_approaches(rows),
     )
+
+
+def _likely(rows: Sequence[Item]) -> float:
+    """The largest linear chance of impact."""
+    return max((row["impact_probability_linear"] or 0.0 for row in rows), default=0.0)
+
+
+def _called(body: str) -> str:
+    """A body as a sentence names it."""
+    return CALLED.get(body, body.capitalize())
 
 
 def _said(summary: Item) -> Cell:
@@ -67,17 +79,20 @@ def _said(summary: Item) -> Cell:
         return str(summary["ended"][0].upper() + summary["ended"][1:])
     if not rows:
         near = summary["nearest"]
-        far = "" if near is None else f"; the nearest is to {near['body']} at {near['distance_au']:.4g} au"
-        return f"No approach within {summary['within_au']:g} au{far}"
+        told = "" if near is None else f"; the nearest is to {_called(near['body'])} at {near['distance_au']:.4g} au"
+        return f"No approach within {summary['within_au']:g} au{told}"
     likely = max(rows, key=lambda row: row["impact_probability_linear"] or 0.0)
     nearest = min(rows, key=lambda row: row["distance_km"])
     text = Markup("{}; the nearest to {} on {} at {} ± {} (1σ)").format(
-        count(len(rows), "approach").replace("approachs", "approaches"), nearest["body"], moment(nearest["epoch_tdb"]),
-        quantity(nearest["distance_km"], "km"), quantity(nearest["sigma_distance_km"], "km"),
-    )  # fmt: skip
+        count(len(rows), "approach").replace("approachs", "approaches"),
+        _called(nearest["body"]),
+        moment(nearest["epoch_tdb"]),
+        quantity(nearest["distance_km"], "km"),
+        quantity(nearest["sigma_distance_km"], "km"),
+    )
     if (likely["impact_probability_linear"] or 0.0) >= 1e-12:
         text += Markup("; the linear chance to hit {} on {} is {:.3g}").format(
-            likely["body"], moment(likely["epoch_tdb"]), likely["impact_probability_linear"]
+            _called(likely["body"]), moment(likely["epoch_tdb"]), likely["impact_probability_linear"]
         )
     return text
 
@@ -99,7 +114,7 @@ def _over_time(rows: list[Item], key: str, label: str) -> Plate:
     panel.open()
     panel.line(t[few] / SECONDS_PER_DAY, values[few], label, stroke=BLUE, stroke_width=1.6)
     panel.close()
-    caption = Markup("The {} from {:.4g} to {:.4g}.").format(label, float(values.min()), float(values.max()))
+    caption = Markup("The {}: from {:.4g} to {:.4g}.").format(label, float(values.min()), float(values.max()))
     columns = {"epoch_utc": [row["epoch_utc"] for row in rows], key: values}
     return chart.plate(label, caption, [csv(f"ephemeris-{key}", columns)])
 
@@ -166,7 +181,7 @@ def _approaches(rows: list[Item]) -> Table | None:
             "chance of impact")  # fmt: skip
     body: list[tuple[Cell, ...]] = [
         (
-            row["body"] + (" (hits)" if row["impact"] else ""),
+            row["body"].capitalize() + (" (hits)" if row["impact"] else ""),
             moment(row["epoch_tdb"]),
             quantity(row["sigma_time_s"], "s"),
             Markup("{} ({:.5f} au)").format(quantity(row["distance_km"], "km"), row["distance_km"] / AU_KM),

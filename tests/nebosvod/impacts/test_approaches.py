@@ -11,7 +11,7 @@ from scipy.optimize import minimize, minimize_scalar
 from nebosvod import UncertainOrbit, read_orbit
 from nebosvod.borders.shape import require_shape, schema_file
 from nebosvod.cli import main
-from nebosvod.dynamics import Ephemeris, Trajectory, propagate
+from nebosvod.dynamics import Ephemeris, Trajectory, propagate, propagate_many
 from nebosvod.dynamics.elements import keplerian_to_state
 from nebosvod.errors import CoverageError, EventError, InputError
 from nebosvod.impacts.approaches import BODIES, Approach, approaches, least_in_ellipse, perigee_km
@@ -301,3 +301,18 @@ def test_compare_sets_two_orbits_of_one_object_side_by_side(tmp_path: Path, caps
     assert "2032-12-22" in capsys.readouterr().out
     assert main(["compare", str(tmp_path / "esa"), str(tmp_path / "jpl-sky")]) == 2
     assert "folders of one kind" in capsys.readouterr().err
+
+
+@needs_data
+@pytest.mark.long
+def test_the_linear_chance_of_2024_yr4_is_that_of_drawn_orbits(bodies: Ephemeris) -> None:
+    """4,000 orbits drawn by ESA's covariance and flown for eight years, each to the Moon's surface or past it."""
+    orbit = read_orbit(DATA / "neocc" / "2024YR4.ke0")
+    first, last = Epoch.parse("2032-12-01 UTC"), Epoch.parse("2032-12-23T12:00:00 UTC")
+    moon = at(approaches(orbit, first, last, WITHIN_AU, bodies).found, "moon", "2032")
+    drawn = orbit.state + np.random.default_rng(4).standard_normal((4000, 6)) @ orbit.factor.T
+    fates = propagate_many(drawn, orbit.epoch, [last - orbit.epoch], orbit.forces(bodies), body="moon").fates
+    share = float(np.mean(fates.impact & (fates.body == "moon")))
+    assert moon.probability is not None
+    assert abs(share - moon.probability) < 3.0 * np.sqrt(moon.probability / 4000.0)
+    assert np.std(fates.t_s[fates.body == "moon"]) == pytest.approx(moon.sigma_time_s, rel=0.05)
