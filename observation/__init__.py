@@ -16,6 +16,7 @@ from nebosvod.observation.spacecraft.heliocentric import HeliocentricOrbit
 from nebosvod.observation.spacecraft.kinds import Geostationary, HeliocentricCompanion, Spacecraft
 from nebosvod.observation.spacecraft.lagrange import LibrationOrbit
 from nebosvod.observation.spacecraft.oem import Oem, OemCovariance, read_oem
+from nebosvod.observation.spacecraft.retrograde import DistantRetrograde
 from nebosvod.observation.spacecraft.spk import ChebyshevOrbit, read_spk
 from nebosvod.observation.spacecraft.tabulated import TabulatedOrbit, table
 from nebosvod.observation.uncertainty.bias import ArcBias, BiasDrift, ConstantBias, GaussMarkovBias, ZoneBias
@@ -35,6 +36,7 @@ __all__ = [
     "Common",
     "ConstantBias",
     "ConstantPosition",
+    "DistantRetrograde",
     "GaussMarkovBias",
     "GaussMarkovPosition",
     "GeocentricOrbit",

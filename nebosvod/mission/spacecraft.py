@@ -33,6 +33,7 @@ GEOCENTRES = ("244", "248", "500")  # codes of the MPC: for ephemerides, not for
 COARSE_KM = 10.0  # some of the MPC's constants have three digits
 # Second order of a halo about L1, L2 in units of the distance to the Earth: Richardson 1980, Celest. Mech. 22, 241
 HALO_KM, HALO_K, HALO_A21, HALO_A22 = 1.5e6, 3.229, 2.093, 0.248
+RETROGRADE_KM = (3.0e6, 1.5e7)  # sizes for which a distant retrograde orbit is modelled
 Eccentricity = Annotated[float, Field(ge=0.0, lt=1.0)]
 EPOCH = Field(None, description="Epoch of the elements; the reference epoch when absent")
 FILE = Field(description="A file beside the mission")
@@ -157,6 +158,22 @@ class Libration(Block):
         )
 
 
+class DistantRetrograde(Block):
+    """A distant retrograde orbit: a year round the Earth, against its motion, out of reach of its gravity."""
+
+    kind: Literal["distant_retrograde"]
+    epoch: When | None = EPOCH
+    size: PositiveLength = Field(description="Largest excursion along the line from the Sun; across it is twice that")
+    phase: Angle = Field(0.0, description="At the epoch: 0 outside of the Earth's orbit, 90 deg behind the Earth")
+
+    def complaints(self) -> list[tuple[KeyPath, str]]:
+        """Nearer, the Earth bends it; farther, the Sun."""
+        if RETROGRADE_KM[0] <= self.size <= RETROGRADE_KM[1]:
+            return []
+        low, high = RETROGRADE_KM
+        return [(("size",), f"is out of range (got {self.size:.4g} km; allowed {low:.2g} km to {high:.2g} km)")]
+
+
 class Tabulated(Block):
     """States in a text file: epoch,x_km,y_km,z_km,vx_km_s,vy_km_s,vz_km_s, ICRF axes about `origin`."""
 
@@ -252,6 +269,7 @@ TelescopeOrbit = Annotated[
     | SunSynchronous
     | HeliocentricKepler
     | Libration
+    | DistantRetrograde
     | Tabulated
     | Spk
     | OemFile

@@ -25,6 +25,7 @@ from nebosvod.observation import (
     BiasDrift,
     ConstantBias,
     ConstantPosition,
+    DistantRetrograde,
     GaussMarkovBias,
     GaussMarkovPosition,
     GeocentricOrbit,
@@ -134,6 +135,10 @@ def _libration(orbit: said.Libration, mission: Question) -> Spacecraft:
     )
 
 
+def _distant_retrograde(orbit: said.DistantRetrograde, mission: Question) -> Spacecraft:
+    return DistantRetrograde(elements_epoch=_epoch(orbit, mission), size_km=orbit.size, phase_rad=orbit.phase)
+
+
 def _sun_synchronous(orbit: said.SunSynchronous, mission: Question) -> Spacecraft:
     return sun_synchronous(
         elements_epoch=_epoch(orbit, mission),
@@ -170,6 +175,7 @@ SPACECRAFT: Mapping[type, Callable[[Any, Question], Spacecraft]] = {
     said.SunSynchronous: _sun_synchronous,
     said.HeliocentricKepler: lambda orbit, mission: HeliocentricOrbit(**_elements(orbit, mission)),
     said.Libration: _libration,
+    said.DistantRetrograde: _distant_retrograde,
     said.Tabulated: lambda orbit, mission: read_orbit_table(mission.beside(orbit.file), orbit.origin),
     said.Spk: lambda orbit, mission: read_spk(mission.beside(orbit.file), orbit.target),
     said.OemFile: lambda orbit, mission: read_oem(mission.beside(orbit.file)).orbit,

@@ -36,6 +36,7 @@ ORBITS = {
     "heliocentric": ("lead: -20 deg", "sun", 0.996 * AU_KM, 1e6),
     "heliocentric_kepler": ("a: 0.7 au, M: 50 deg", "sun", 0.7 * AU_KM, 1.0),
     "libration": ("point: L1, amplitude: 0 km", "earth", 1.494e6, 2e4),
+    "distant_retrograde": ("size: 5e6 km", "earth", 5e6, 2e5),
     "ground": ("longitude: 289.25058 deg, rho_cos_phi: 0.864981, rho_sin_phi: -0.500958, extrapolate: true", "earth",
                6375.43, 0.01),
 }  # fmt: skip

@@ -28,6 +28,7 @@ KINDS = (
     "{kind: heliocentric_kepler, a: 0.7 au}",
     "{kind: libration, point: L1}",
     "{kind: libration, point: L2, amplitude: 1e5 km}",
+    "{kind: distant_retrograde, size: 1.5e7 km, phase: 90 deg}",
     "{kind: ground, code: F51, extrapolate: true}",
 )
 PLANES = (
@@ -211,6 +212,8 @@ def test_a_trajectory_that_leads_through_the_earth(tmp_path: Path, capsys: pytes
         ({"kind": "heliocentric_kepler", "a": "1 au", "e": 0.9999}, "a", "perihelion is inside the Sun"),
         ({"kind": "libration", "point": "L1", "amplitude": "1.6e6 km"}, "amplitude", "allowed 0 km to 1500000 km"),
         ({"kind": "libration", "point": "L2", "amplitude_z": "1.6e6 km"}, "amplitude_z", "allowed 0 km to 1500000 km"),
+        ({"kind": "distant_retrograde", "size": "2e6 km"}, "size", "allowed 3e.06 km to 1.5e.07 km"),
+        ({"kind": "distant_retrograde", "size": "0.2 au"}, "size", "allowed 3e.06 km to 1.5e.07 km"),
         ({"kind": "sun_synchronous", "altitude": "-5 km", "local_time": "6 h"}, "altitude", "more than 0"),
     ],
 )
