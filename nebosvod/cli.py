@@ -36,6 +36,7 @@ VERBS = {
     "approaches": "What an orbit comes near to, and how near.",
     "check": "Validate a mission and show what it means; run nothing.",
     "compare": "Show several runs side by side.",
+    "elements": "Orbital elements at a date, with sigmas.",
     "ephemeris": "Where an orbit is seen, with its ellipse.",
     "fit": "Fit an orbit to real observations.",
     "init": "Write a commented mission to start from.",
@@ -90,6 +91,7 @@ def app() -> None:
         nebosvod compare DIR DIR          runs side by side
         nebosvod fit FILE...              an orbit from real observations
         nebosvod ephemeris ORBIT ...      where it is seen, and how well that is known
+        nebosvod elements ORBIT           its elements at a date, with sigmas
         nebosvod approaches ORBIT ...     what it comes near to, and how near
 
     Exit codes: 0 done, 1 finished but not trustworthy (not observable, not converged, nothing visible),
