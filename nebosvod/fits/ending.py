@@ -59,7 +59,7 @@ def verdict(found: Led, general: General) -> Verdict:
     circle = [] if lean.stands and general.stands else [CIRCLE]
     chance, times, words = _misfit(general)
     large = [words] if chance < DOUBTED else []
-    cautions = (*few, *circle, *large, *_kept(general, material), *findings(found, general))
+    cautions = (*few, *circle, *large, *_kept(found, general), *findings(found, general))
     status = lean.correction.status
     if status is Status.CONVERGED:
         status = general.fit.status
@@ -105,15 +105,17 @@ def _misfit(general: General) -> tuple[float, float, str]:
     )
 
 
-def _kept(general: General, material: Material) -> list[str]:
+def _kept(found: Led, general: General) -> list[str]:
     """A caution where selected observations lie beyond the threshold of rejection."""
-    said = _plan(general).rejection
+    said, material = _plan(general).rejection, found.material
     beyond = np.flatnonzero(general.selected & (general.chi2 > said.reject))
     if not beyond.size:
         return []
     worst = beyond[np.argmax(general.chi2[beyond])]
     place = f"{Path(str(material.astrometry.path[worst])).name}:{material.astrometry.line[worst]}"
     why = "because there are few" if said.enabled else "because rejection is off"
+    if found.spared is not None and found.spared[beyond].all():
+        why = "because the sharpest records agree with each other"
     verb = "has" if beyond.size == 1 else "have"
     return [
         f"{beyond.size} of the selected observations {verb} chi squared above {said.reject:g}, kept {why}; "

@@ -47,7 +47,7 @@ def told(one: SharedError, material: Material) -> str:
 def _treated(found: Led, one: SharedError) -> str:
     """What was done about it."""
     if one.kind == "scatter" and any(note.endswith(NOTE) for note in set(found.material.rule[one.rows].tolist())):
-        return "so their sigmas were enlarged by that factor"
+        return "so their sigmas were enlarged by that factor and its uncertainty"
     if any(note.endswith(NOTE) for note in set(found.material.rule[one.rows].tolist())):
         return "so they weigh as one record of that size"
     return "their weights were left as they are"

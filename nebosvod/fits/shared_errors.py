@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
-from nebosvod.estimation.accuracy.score import Score, alone, among, score_test
+from nebosvod.estimation.accuracy.score import FEW_FREE, Score, alone, among, score_test
 from nebosvod.fits.correction import Correction
 from nebosvod.fits.screening import PROMISING, Groups, promising
 from nebosvod.observation.measurement.exposures import Sky
@@ -328,7 +328,9 @@ def judged(
     able = [kind for kind in scores if sure[kind] >= SURE] or [kind for kind in scores if sure[kind] >= least]
     if not able:
         return None
-    merit = {kind: _merit(scores[kind][0], tested.scatter, len(rows)) for kind in able}
+    few = 2 * len(rows) < FEW_FREE  # whose scatter may be small by chance, and would make them the foremost
+    scatter = max(tested.scatter, 1.0) if few else tested.scatter
+    merit = {kind: _merit(scores[kind][0], scatter, len(rows)) for kind in able}
     kind = max(able, key=lambda name: merit[name])
     score, G = scores[kind]
     weight = 1.0 / np.diagonal(footing.R[rows], axis1=1, axis2=2)
@@ -403,9 +405,11 @@ def inflation(one: SharedError, R: Array) -> Array:
     """Factor (2,) on the sigmas of a group, after which it weighs as one record with the size of its shared error.
 
     A mean of m records with a common error b has variance 1 / sum(1 / sigma^2) + b^2; so every sigma^2 is multiplied
-    by 1 + b^2 sum(1 / sigma^2). Sigmas that are too small are enlarged by what they lack.
+    by 1 + b^2 sum(1 / sigma^2). Sigmas that are too small are enlarged by what they lack; where few degrees of freedom
+    f tell it, by the root of f / (f - 2) more: errors in units of a scatter that is estimated are those of Student.
     """
     if one.kind == "scatter":
-        return np.full(2, max(one.estimate[0], 1.0))
+        freedom = 0.5 * (one.estimate[0] / one.sigma[0]) ** 2
+        return np.full(2, max(one.estimate[0], 1.0) * np.sqrt(freedom / max(freedom - 2.0, 0.5 * freedom)))
     weight = np.sum(1.0 / np.diagonal(R[one.rows], axis1=1, axis2=2), axis=0)
     return np.asarray(np.sqrt(1.0 + one.size_rad**2 * weight), dtype=np.float64)

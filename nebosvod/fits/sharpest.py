@@ -22,8 +22,9 @@ from nebosvod.observation.measurement.exposures import Sky
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 SHARPER = 0.3  # of the median sigma: records below it are heard by themselves
-SPARE = 4  # degrees of freedom, below which they do not judge themselves
-UNTRUE = 1e-3  # chance of so large a scatter, below which stated sigmas are not believed
+HEARD = 2  # degrees of freedom, below which they are not heard
+SPARE = 4  # below which they do not judge their own sigmas, but may contradict themselves
+UNTRUE = 3e-3  # chance of so large a scatter, below which stated sigmas are not believed
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -52,7 +53,7 @@ def sharpest(
     nobody = Sharpest(trusted=np.zeros(len(sky), dtype=np.bool_))
     sigma = sigma_rad(sky)
     sharp = sigma < SHARPER * float(np.median(sigma))
-    if 2 * int(sharp.sum()) < len(x) + SPARE:
+    if 2 * int(sharp.sum()) < len(x) + HEARD:
         return nobody
     alone = attempted(sky.select(sharp), x, forces, thresholds, prior)
     every = alone  # the first of its rounds, where it kept all
@@ -60,11 +61,14 @@ def sharpest(
         every = attempted(sky.select(sharp), x, forces, None, prior)
     if alone is None or every is None or not (_carried(alone) and _carried(every)):
         return nobody
+    freedom = 2 * int(alone.selected.sum()) - len(x)
+    if freedom < SPARE and chdtrc(freedom, alone.correction.cost) < UNTRUE:
+        return nobody
     trusted = nobody.trusted.copy()
     trusted[np.flatnonzero(sharp)[alone.selected]] = True
     rows = np.flatnonzero(sharp)
     errors = []
-    for code in np.unique(station[sharp & asked]).tolist():
+    for code in np.unique(station[sharp & asked]).tolist() if freedom >= SPARE else ():
         mine = station[rows] == code
         one = _scattered(sky, alone, every, mine, rows, code, bool((station == code).sum() == mine.sum()))
         if one is not None:

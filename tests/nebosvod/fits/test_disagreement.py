@@ -4,7 +4,9 @@ Each record is made from a truth by the observation stage; the crowd's error is 
 hold that truth within its sigma, and be no wider than the sharp records alone make it.
 """
 
+import importlib.util
 import json
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -25,6 +27,7 @@ from nebosvod.observation.reduction import weights
 from nebosvod.observation.reduction.observers import telescopes
 from nebosvod.timescale import Epoch
 
+ROOT = Path(__file__).resolve().parents[3]
 ARCSEC, DAY = np.pi / 648000.0, 86400.0
 EPOCH = Epoch.parse("2023-03-01T00:00:00 TDB")
 NEAR = np.array([1.5e8, 3e7, 1e7, -5.0, 28.0, 3.0])
@@ -45,8 +48,8 @@ def group(station, days, sigma, *, error=None, late_s=0.0, radius_km=0.0, stated
                            radius_km=radius_km, stated=sigma if stated is None else stated)  # fmt: skip
 
 
-def occultations(days, **more):
-    return group("275", days, 0.01, radius_km=5000.0, **more)
+def occultations(days, sigma=0.01, **more):
+    return group("275", days, sigma, stated=0.01, radius_km=5000.0, **more)
 
 
 def crowd(days, station="C57", **more):
@@ -224,6 +227,120 @@ def test_sharp_records_whose_sigmas_are_too_small_lose_the_weight_they_claim(wor
     assert not found.found.verdict.failed
     assert found.found.general.selected[found.found.material.astrometry.station == "275"].all()
     assert any("times too small" in text and "enlarged" in text for text in found.found.verdict.cautions)
+
+
+def mixed_and_alone(world, seed, state, others, n=7, half=180.0, **sharp_is):
+    """The fit of n sharp records with a crowd, and of them alone; nights and noise by the seed."""
+    rng = np.random.default_rng(seed)
+    rows = world.records(seed + 1, state, occultations(rng.uniform(-half, half, n), **sharp_is), *others(rng))
+    return world.fit(rows, state), world.fit([row for row in rows if row["stn"] == "275"], state)
+
+
+def drifting(rate, half=180.0):
+    return lambda rng: [crowd(rng.uniform(-half, half, 1300), error=lambda day: (rate * day, 0.0))]
+
+
+@pytest.mark.parametrize(
+    ("seed", "state", "n", "others"),
+    [
+        (5006, "433 Eros, Amor", 7, lambda rng: [crowd(whole_year(rng, 1300), error=sine(60.0))]),
+        (5010, "5335 Damocles, e = 0.87", 5, drifting(0.13)),
+        (5015, "434 Hungaria", 7, drifting(0.001)),
+        (7007, "beside", 7, lambda rng: [crowd(whole_year(rng, 1300), late_s=1.0)]),
+    ],
+)
+def test_no_sharp_record_that_agrees_with_the_others_is_lost_by_chance(world, far, seed, state, n, others):
+    """One of five or seven beyond chi squared 8 made the answer up to 2.6 times as wide as without the crowd."""
+    mixed, alone = mixed_and_alone(world, seed, far[state], others, n)
+    assert mixed.found.general.selected[mixed.found.material.astrometry.station == "275"].all()
+    assert mixed.sigma_km < 1.05 * alone.sigma_km
+    assert mixed.chi2 < HELD
+    assert any("the sharpest records agree with each other" in text for text in mixed.found.verdict.cautions)
+
+
+@pytest.mark.parametrize(
+    ("seed", "state", "drift"),
+    [(5001, "belt", 0.002), (5001, "beside", 0.13), (5010, "beside", 0.13), (5005, "434 Hungaria", 0.002)],
+)
+def test_four_sharp_records_are_heard(world, far, seed, state, drift):
+    """Two degrees of freedom show that they agree. The crowd had thrown out three: chi squared 59 to 55,775."""
+    mixed, alone = mixed_and_alone(world, seed, far[state], drifting(drift), 4)
+    assert mixed.chi2 < HELD
+    assert mixed.sigma_km < 1.05 * alone.sigma_km
+
+
+def test_nights_of_a_few_records_are_not_blamed_for_a_drift(world):
+    """What three residuals scatter may be nothing by chance, and made their night the foremost of all errors."""
+    mixed, _ = mixed_and_alone(world, 7003, BELT, drifting(0.13), 3)
+    assert [(one.kind, one.whole) for one in mixed.found.errors] == [("drift", True)]
+    assert mixed.chi2 < HELD  # 189,213
+
+
+@pytest.fixture(scope="module")
+def far():
+    """Orbits of every class: those of benchmarks/peers, as if today were their day."""
+    spec = importlib.util.spec_from_file_location("cases", ROOT / "benchmarks" / "peers" / "cases.py")
+    cases = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(cases)
+    asked = ("163693 Atira", "54509 YORP, Apollo", "433 Eros, Amor", "434 Hungaria", "911 Agamemnon, Trojan",
+             "5335 Damocles, e = 0.87")  # fmt: skip
+    known = {"near": NEAR, "belt": BELT} | {name: cases.start_km(name) for name in asked}
+    return known | {"beside": BESIDE_EARTH}
+
+
+MIXES = {
+    "none": (180.0, 7, lambda rng: [crowd(whole_year(rng, 1300))], {}),
+    "drift": (180.0, 7, drifting(0.13), {}),
+    "drift of 2 mas": (180.0, 7, drifting(0.002), {}),
+    "drift of 1 mas": (180.0, 7, drifting(0.001), {}),
+    "drift of 0.7 mas": (180.0, 7, drifting(0.0007), {}),
+    "bias": (180.0, 7, lambda rng: [crowd(whole_year(rng, 1300), error=lambda day: (0.6, -0.4))], {}),
+    "small bias": (180.0, 7, lambda rng: [crowd(whole_year(rng, 1300), error=lambda day: (0.1, -0.06))], {}),
+    "clock": (180.0, 7, lambda rng: [crowd(whole_year(rng, 1300), late_s=60.0)], {}),
+    "wander": (180.0, 7, lambda rng: [crowd(whole_year(rng, 1300), error=sine(60.0))], {}),
+    "two": (180.0, 7, VARIANTS["two bad telescopes"][1], {}),
+    "worse": (180.0, 7, lambda rng: [crowd(whole_year(rng, 1300))], {"sigma": 0.03}),
+    "worse and drift": (180.0, 7, drifting(0.13), {"sigma": 0.03}),
+    "a month": (15.0, 7, drifting(0.13, 15.0), {}),
+    "three years": (548.0, 7, drifting(0.13, 548.0), {}),
+    "three years, 1 mas": (548.0, 7, drifting(0.001, 548.0), {}),
+    "five": (180.0, 5, drifting(0.13), {}),
+    "four": (180.0, 4, drifting(0.13), {}),
+    "twenty": (180.0, 20, drifting(0.002), {}),
+}
+
+
+def campaign(world, far, seeds, mixes):
+    """Chi squared of the answers of mixes, and how many times they are as wide as the sharp records alone make them.
+
+    Width where these find their orbit and hold their sigma.
+    """
+    chi2, width = [], []
+    for k, seed in enumerate(seeds):
+        for j, name in enumerate(mixes):
+            half, n, others, sharp_is = MIXES[name]
+            state = list(far.values())[(k + j) % len(far)]
+            mixed, alone = mixed_and_alone(world, seed, state, others, n, half, **sharp_is)
+            chi2.append(mixed.chi2)
+            if alone.chi2 < HELD and not sharp_is:
+                width.append(mixed.sigma_km / alone.sigma_km)
+    return np.array(chi2), np.array(width)
+
+
+def test_fresh_mixes_hold_their_sigma_and_are_as_narrow_as_the_sharp_records(world, far):
+    """Seeds that no constant of the fit was chosen on."""
+    chi2, width = campaign(world, far, range(91000, 91003), list(MIXES)[1:10:2])
+    assert chi2.max() < HELD
+    assert width.max() < 1.3
+
+
+@pytest.mark.long
+def test_many_fresh_mixes_hold_their_sigma_and_are_as_narrow_as_the_sharp_records(world, far):
+    """Chance leaves one in a thousand outside; an error of the crowd too small to be seen adds a few."""
+    chi2, width = campaign(world, far, range(92000, 92020), list(MIXES))
+    assert (chi2 > HELD).mean() < 0.01
+    assert np.median(chi2) < 6.5  # 5.35 expected
+    assert (width > 1.3).mean() < 0.01
 
 
 def test_a_single_night_is_asked_by_itself_and_told_when_it_is_rejected(world):
