@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import minimize_scalar
 
 from nebosvod.dynamics.ephemeris import Ephemeris
 from nebosvod.timescale import Epoch
@@ -16,6 +15,8 @@ from nebosvod.timescale import Epoch
 Array = npt.NDArray[np.float64]
 GRID = 1440
 NEWTON = 30
+ZOOMS, ZOOM = 7, 16  # how often, and into how many parts of half a bracket: to 5e-9 rad, where a distance is flat
+TOUCHING_KM = 1e-3  # below which the gap has no direction
 FARTHEST_KM = 3e10  # 200 au: of an orbit that does not return only so much is looked at
 
 
@@ -45,34 +46,22 @@ def conic(state: Array, gm_km3_s2: float) -> Conic:
     return Conic(p_km=float(h @ h) / gm_km3_s2, e=e, axes=np.stack([first, second]))
 
 
-def moid_km(orbit: Conic, other: Conic, about: float | None = None) -> tuple[float, float]:
-    """Smallest distance of two orbits, and the true anomaly of the first where it is; `other` is nearly circular.
-
-    Parameters
-    ----------
-    about : where to look, rad: of an orbit displaced a little; by default everywhere.
-    """
+def moid_km(orbit: Conic, other: Conic) -> tuple[float, float]:
+    """Smallest distance of two orbits, and the true anomaly of the first where it is; `other` is nearly circular."""
     step = 2.0 * np.pi / GRID
-
-    def distance(anomaly: float) -> float:
-        return float(_to_orbit(orbit.at(np.array([anomaly])), other)[0])
-
-    if about is not None:
-        starts = [about]
-    else:
-        grid = np.arange(GRID) * step - np.pi
-        there = grid[1.0 + orbit.e * np.cos(grid) > orbit.p_km / FARTHEST_KM]
-        values = _to_orbit(orbit.at(there), other)
-        lower = (values <= np.roll(values, 1)) & (values <= np.roll(values, -1))
-        starts = there[lower].tolist()
-    found = []
-    for start in starts:
-        best = minimize_scalar(
-            lambda turn, start=start: distance(start + turn), bounds=(-1.5 * step, 1.5 * step), method="bounded",
-            options={"xatol": 1e-12},
-        )  # fmt: skip
-        found.append((float(best.fun), start + float(best.x)))
-    return min(found)
+    grid = np.arange(GRID) * step - np.pi
+    there = grid[1.0 + orbit.e * np.cos(grid) > orbit.p_km / FARTHEST_KM]
+    values = _to_orbit(orbit.at(there), other)
+    starts = there[(values <= np.roll(values, 1)) & (values <= np.roll(values, -1))]
+    for _ in range(ZOOMS):
+        step *= 2.0 / ZOOM
+        near = starts[:, None] + step * np.arange(-ZOOM, ZOOM + 1)
+        values = _to_orbit(orbit.at(near.ravel()), other).reshape(near.shape)
+        best = np.argmin(values, axis=1)
+        starts = near[np.arange(len(near)), best]
+    least = values.min(axis=1)
+    k = int(np.argmin(least))
+    return float(least[k]), float(starts[k])
 
 
 def earth_conic(ephemeris: Ephemeris, epoch: Epoch) -> Conic:
@@ -94,20 +83,48 @@ def earth_moid_km(state: Array, factor: Array, ephemeris: Ephemeris, epoch: Epoc
 
     Notes
     -----
-    The sigma is by differences of half a sigma along each column of the factor, followed from the minimum of the
-    nominal orbit.
+    Where two orbits are nearest, no first-order shift along either changes their distance: its change is that of the
+    point in the same direction from the Sun along the common normal, here by differences of half a sigma along each
+    column of the factor. The normal keeps the sign of a distance that a sigma carries through zero.
     """
     earth, gm = earth_conic(ephemeris, epoch), ephemeris.gm_km3_s2["sun"]
-    least, about = moid_km(conic(state, gm), earth)
+    orbit = conic(state, gm)
+    least, about = moid_km(orbit, earth)
+    point = orbit.at(np.array([about]))
+    there = _nearest(point, earth)
+    normal = (point - earth.at(there))[0]
+    if least < TOUCHING_KM:
+        normal = np.cross(_tangent(orbit, about), _tangent(earth, float(there[0])))
+    normal /= max(np.linalg.norm(normal), 1e-300)
     steps = []
     for column in factor.T:
-        ends = (moid_km(conic(state + sign * column, gm), earth, about)[0] for sign in (0.5, -0.5))
-        steps.append(next(ends) - next(ends))
+        ends = [_towards(conic(state + sign * column, gm), point[0]) for sign in (0.5, -0.5)]
+        steps.append(float(normal @ (ends[0] - ends[1])))
     return least, float(np.linalg.norm(steps))
+
+
+def _towards(orbit: Conic, point: Array) -> Array:
+    """The point (3,) of an orbit in the direction of another, as far as its plane goes."""
+    anomaly = np.arctan2(orbit.axes[1] @ point, orbit.axes[0] @ point)
+    found: Array = orbit.at(np.array([anomaly]))[0]
+    return found
+
+
+def _tangent(orbit: Conic, anomaly: float) -> Array:
+    """Direction (3,) of an orbit at a true anomaly, of any length: dr/df times (1 + e cos f)^2 / p."""
+    along: Array = -np.sin(anomaly) * orbit.axes[0] + (orbit.e + np.cos(anomaly)) * orbit.axes[1]
+    return along
 
 
 def _to_orbit(points: Array, other: Conic) -> Array:
     """Distances (n,) from points (n, 3) to the nearest point of a nearly circular orbit."""
+    gap = points - other.at(_nearest(points, other))
+    nearest: Array = np.linalg.norm(gap, axis=1)
+    return nearest
+
+
+def _nearest(points: Array, other: Conic) -> Array:
+    """True anomalies (n,) of the points of a nearly circular orbit that are nearest to points (n, 3)."""
     x, y = points @ other.axes[0], points @ other.axes[1]
     f = np.arctan2(y, x)
     for _ in range(NEWTON):
@@ -125,6 +142,4 @@ def _to_orbit(points: Array, other: Conic) -> Array:
         f = f - turn
         if np.abs(turn).max() < 1e-14:
             break
-    gap = points - other.at(f)
-    nearest: Array = np.linalg.norm(gap, axis=1)
-    return nearest
+    return f
