@@ -126,7 +126,7 @@ def _to_orbit(points: Array, other: Conic) -> Array:
 def _nearest(points: Array, other: Conic) -> Array:
     """True anomalies (n,) of the points of a nearly circular orbit that are nearest to points (n, 3)."""
     x, y = points @ other.axes[0], points @ other.axes[1]
-    f = np.arctan2(y, x)
+    f: Array = np.arctan2(y, x)
     for _ in range(NEWTON):
         cos, sin = np.cos(f), np.sin(f)
         q = 1.0 + other.e * cos

@@ -18,7 +18,7 @@ from nebosvod.estimation import Estimate
 from nebosvod.estimation.solvers.rejection import Thresholds, chi_squared, reselect, settled, turning
 from nebosvod.fits.correction import Correction
 from nebosvod.mission import FitMission
-from nebosvod.observation import Common, Markov, Observation, White
+from nebosvod.observation import Common, Observation
 from nebosvod.observation.measurement.exposures import Sky
 from nebosvod.scene.material import Material
 from nebosvod.scene.prior import STATE_NAMES, PriorTable
@@ -117,7 +117,7 @@ def widened(mission: FitMission, material: Material, sky: Sky, forces: ForceMode
         if isinstance(term, Common):
             R += term.H @ term.covariance @ term.H.transpose(0, 2, 1)
         else:
-            R[term.rows] += term.H @ _marginal(term) @ term.H.transpose(0, 2, 1)
+            R[term.rows] += term.H @ term.marginals @ term.H.transpose(0, 2, 1)
     return sky.weighed(R)
 
 
@@ -173,7 +173,7 @@ def _judged(mission: FitMission, material: Material, sky: Sky, scene: Scene, fou
             if (
                 term.treatment == "estimated" and term.name != STATED
             ):  # in the weights; stated ones are in those of the sky
-                R[term.rows] += term.H @ _marginal(term) @ term.H.transpose(0, 2, 1)
+                R[term.rows] += term.H @ term.marginals @ term.H.transpose(0, 2, 1)
             continue
         for k, name in enumerate(term.names):
             if name in column:
@@ -185,14 +185,3 @@ def _judged(mission: FitMission, material: Material, sky: Sky, scene: Scene, fou
     spread = np.sqrt(np.maximum(noise + np.where(selected, -1.0, 1.0)[:, None] * orbit, 1e-3 * noise))
     chi2 = chi_squared(v, R, H, estimate.S_formal, selected)
     return General(scene=scene, fit=found, selected=selected, seen=seen, residual=v, spread=spread, chi2=chi2)
-
-
-def _marginal(term: White | Markov) -> Array:
-    """Covariance (r, q, q) of an error drawn anew, or correlated in time, at each of its rows by itself."""
-    if isinstance(term, White):
-        return term.Q
-    P = np.empty_like(term.Q)
-    P[0] = term.P0
-    for row in range(1, len(P)):
-        P[row] = term.F[row] @ P[row - 1] @ term.F[row].T + term.Q[row]
-    return P

@@ -67,6 +67,11 @@ class White:
         normal = rng.standard_normal((count, *self.Q.shape[:2], 1))
         return (_kept(self._roots, self.Q) @ normal)[..., 0]
 
+    @property
+    def marginals(self) -> Array:
+        """Covariance (r, q, q) at each row by itself."""
+        return self.Q
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Markov:
@@ -100,6 +105,15 @@ class Markov:
         for i in range(1, self.rows.size):
             chain[:, i] = chain[:, i - 1] @ self.F[i].T + normal[:, i] @ factor[i].T
         return chain
+
+    @property
+    def marginals(self) -> Array:
+        """Covariance (r, q, q) at each row by itself: P_i = F_i P_(i-1) F_i^T + Q_i."""
+        P = np.empty_like(self.Q)
+        P[0] = self.P0
+        for i in range(1, len(P)):
+            P[i] = self.F[i] @ P[i - 1] @ self.F[i].T + self.Q[i]
+        return P
 
 
 Term = Common | White | Markov
