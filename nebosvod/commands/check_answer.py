@@ -1,6 +1,6 @@
 """What a mission resolves to, in words: the output of `nebosvod check`. Loads nothing heavy."""
 
-from nebosvod.mission import Bias, Mission, Photocentre, Position, Source, Telescope, Timing, estimate_cost
+from nebosvod.mission import Mission, Source, Telescope, estimate_cost
 from nebosvod.units import ARCSEC, DEG
 
 
@@ -83,30 +83,9 @@ def _law(law: dict[str, float]) -> str:
 def _source(source: Source) -> str:
     """One source of uncertainty in words: how large, how correlated, its treatment."""
     kind = str(getattr(source.error, "correlation", "constant")).replace("_", "-")
-    first, *more = _sizes(source.error) or ["no prior"]
+    first, *more = source.error.sizes or ("no prior",)
     how = "" if kind == "constant" and source.group != "position" else f" {kind}"
     return f"{first}{how}{''.join(f', {size}' for size in more)} ({source.error.treatment})"
-
-
-def _sizes(error: Bias | Position | Timing | Photocentre) -> list[str]:
-    """Sigma and whatever else says how large an error is."""
-    if isinstance(error, Position) and error.from_orbit:
-        return ["covariance of its orbit file"]
-    if isinstance(error, Position):
-        sizes = [" x ".join(f"{s:.3g}" for s in dict.fromkeys(error.sigma_km)) + " km"]
-        if error.correlation == "orbit_error" and error.covariance is None:
-            sizes.append(" x ".join(f"{1e6 * s:.3g}" for s in dict.fromkeys(error.sigma_km_s)) + " mm/s")
-        every = error.renewal
-        return sizes + ([f"renewed every {every / 86400.0:.3g} d"] if every is not None else [])
-    if isinstance(error, Bias):
-        pair = error.sigma_rad
-        sizes = [] if pair is None else [" x ".join(f"{s / ARCSEC:.3g}" for s in dict.fromkeys(pair)) + " arcsec"]
-        return sizes + ([f"{error.drift / ARCSEC * 86400.0:.3g} arcsec/d"] if error.drift is not None else [])
-    if error.sigma is None:
-        return []
-    return [
-        f"{error.sigma:.3g} s" if isinstance(error, Timing) else f"amplitude {error.value:.3g} +- {error.sigma:.3g}"
-    ]
 
 
 def _prior(mission: Mission) -> str:

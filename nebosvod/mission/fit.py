@@ -34,10 +34,10 @@ from nebosvod.mission.request import (
     internal_covariance,
     scales,
 )
-from nebosvod.mission.sources import KINDS, Error, Group, Source
+from nebosvod.mission.sources import KINDS, Source
 from nebosvod.mission.spacecraft import OemFile, Spk, Tabulated
 from nebosvod.mission.target import LOGARITHMS, Body, Orbit
-from nebosvod.mission.uncertainty import Bias, Position, Timing
+from nebosvod.mission.uncertainty import Bias, Error, Group, Position, Timing
 from nebosvod.timescale import Epoch
 
 Complaint = tuple[KeyPath, str]

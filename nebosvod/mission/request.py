@@ -26,6 +26,7 @@ from nebosvod.mission.fields import (
 )
 from nebosvod.mission.found import FoundOrbit, without_found
 from nebosvod.mission.orbit import Frame
+from nebosvod.mission.uncertainty import GROUPS, Group
 from nebosvod.mission.vocabulary import Method
 from nebosvod.mission.yaml.inherit import MAX_TELESCOPES
 from nebosvod.timescale import Epoch
@@ -181,7 +182,7 @@ class Estimator(Block):
     method: Method
     treatment: dict[str, Treatment] = Field(
         default_factory=dict,
-        description=f"Treatment by group: {', '.join(PARAMETER_GROUPS)}, bias, position, timing, photocentre; "
+        description=f"Treatment by group: {', '.join((*PARAMETER_GROUPS, *GROUPS))}; "
         "of one telescope: 'bias NAME', 'position NAME', 'timing NAME'; or any source by its name in the budget",
     )
     iterations: Annotated[int, Field(ge=1, le=200, description="Cap of Gauss-Newton iterations")] = 20
@@ -240,7 +241,7 @@ class EncounterPrediction(Block):
 Prediction = Annotated[SkyPrediction | StatePrediction | EncounterPrediction, Field(discriminator="plane")]
 
 
-NuisanceGroup = Literal["parameters", "position", "bias", "timing", "photocentre"]
+NuisanceGroup = Literal["parameters", Group]
 
 
 class NuisancePlan(Block):

