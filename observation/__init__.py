@@ -24,6 +24,7 @@ from nebosvod.observation.uncertainty.clock import TimingOffset
 from nebosvod.observation.uncertainty.nuisance import Nuisance
 from nebosvod.observation.uncertainty.orbit_error import OrbitError
 from nebosvod.observation.uncertainty.photocentre import Photocentre
+from nebosvod.observation.uncertainty.plate_scale import PlateScale
 from nebosvod.observation.uncertainty.position_error import ConstantPosition, GaussMarkovPosition, WhitePosition
 from nebosvod.observation.uncertainty.simulate import draw_noise, draw_truth, measure
 from nebosvod.observation.uncertainty.term import Common, Markov, Term, White
@@ -52,6 +53,7 @@ __all__ = [
     "OemCovariance",
     "OrbitError",
     "Photocentre",
+    "PlateScale",
     "Residuals",
     "Sight",
     "Spacecraft",

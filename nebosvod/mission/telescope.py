@@ -17,7 +17,7 @@ from nebosvod.mission.fields import (
     When,
 )
 from nebosvod.mission.spacecraft import Ground, TelescopeOrbit
-from nebosvod.mission.uncertainty import Bias, Pair, Position, Timing, one_or_pair
+from nebosvod.mission.uncertainty import Bias, Pair, PlateScale, Position, Timing, one_or_pair
 
 NAUTICAL_TWILIGHT = -12.0 / 57.29577951308232  # rad, altitude of the Sun at its end
 LEAST_ALTITUDE = 20.0 / 57.29577951308232  # rad, 2.9 air masses
@@ -96,6 +96,7 @@ class Telescope(Block):
     bias: Bias | None = None
     position: Position | None = None
     timing: Timing | None = Field(None, description="Offset of the clock; its jitter is noise.timing")
+    plate_scale: PlateScale | None = None
     exclusion: Exclusion = Exclusion()
     limiting_magnitude: Annotated[float, Field(ge=-30.0, le=40.0)] | None = None
     trailing: Trailing | None = None

@@ -24,18 +24,20 @@ from nebosvod.mission.fields import (
     Uncertain,
     When,
 )
-from nebosvod.units import ARCSEC
+from nebosvod.units import ARCSEC, DEG
 
 # What is uncertain about telescopes; an estimator's treatment, the budget and the mean ratio go by these words
-Group = Literal["bias", "position", "timing", "photocentre"]
+Group = Literal["bias", "position", "timing", "plate_scale", "photocentre"]
 GROUPS: tuple[Group, ...] = get_args(Group)
 # A line that makes it uncertain, and where the line belongs
 EXAMPLES: Mapping[str, tuple[str, str]] = {
     "bias": ("bias: {sigma: 0.05 arcsec, treatment: considered}", "a telescope"),
     "position": ("position: {sigma: 3 km, correlation: white, treatment: considered}", "a telescope"),
     "timing": ("timing: {sigma: 1 s, treatment: considered}", "a telescope"),
+    "plate_scale": ("plate_scale: {sigma: 1e-5, field: 10 arcmin, treatment: considered}", "a telescope"),
     "photocentre": ("photocentre: {sigma: 0.1, radius: 10 m, treatment: considered}", "object"),
 }
+WIDEST_FIELD = 10.0 * DEG + 1e-12  # of a telescope; beyond, a field is no plane
 Pair = tuple[float, float]
 Complaint = tuple[KeyPath, str]
 ThreeLengths = Annotated[Several[PositiveLength], Field(min_length=3, max_length=3)]
@@ -239,6 +241,28 @@ class Timing(Block):
         return self.sigma is not None
 
 
+class PlateScale(Block):
+    """A relative error of the plate scale, the same in all exposures, which put the object all over the field."""
+
+    sigma: Annotated[float, Field(ge=1e-12, le=0.1, description="Of the relative error; its mean is 0")]
+    field: PositiveAngle = Field(description="Side of the square field, at most 10 deg; its axes are RA* and Dec")
+    treatment: Treatment
+
+    def complaints(self) -> list[Complaint]:
+        """A field is a plane."""
+        return [(("field",), "is out of range (allowed up to 10 deg)")] if self.field > WIDEST_FIELD else []
+
+    @property
+    def sizes(self) -> tuple[str, ...]:
+        """How large it is, in words."""
+        return (f"{self.sigma:.3g} over {self.field / ARCSEC:.4g} arcsec",)
+
+    @property
+    def has_sigma(self) -> bool:
+        """It always has one."""
+        return True
+
+
 class Photocentre(Uncertain):
     """The light of a partly lit body lies off its centre: the amplitude, 1 being that of a Lambert sphere."""
 
@@ -257,4 +281,4 @@ class Photocentre(Uncertain):
         return self.sigma is not None
 
 
-Error = Bias | Position | Timing | Photocentre
+Error = Bias | Position | Timing | PlateScale | Photocentre

@@ -19,7 +19,7 @@ from nebosvod.mission import Telescope as TelescopeBlock
 from nebosvod.mission import spacecraft as said
 from nebosvod.mission.covariance import checked
 from nebosvod.mission.reading.places import asking
-from nebosvod.mission.uncertainty import Bias, Photocentre, Position, Timing
+from nebosvod.mission.uncertainty import Bias, Photocentre, PlateScale, Position, Timing
 from nebosvod.observation import (
     ArcBias,
     BiasDrift,
@@ -46,6 +46,7 @@ from nebosvod.observation import (
     sun_synchronous,
 )
 from nebosvod.observation import Photocentre as PhotocentreOffset
+from nebosvod.observation import PlateScale as PlateScaleError
 from nebosvod.observation.earth import obscodes
 from nebosvod.observation.spacecraft.orbit_table import read_orbit_table
 from nebosvod.timescale import Epoch
@@ -284,6 +285,13 @@ def _timing(source: Source, mission: Question, seeing: Seeing) -> Nuisance:
     )
 
 
+def _plate_scale(source: Source, mission: Question, seeing: Seeing) -> Nuisance:
+    error = _of(PlateScale, source)
+    return PlateScaleError(
+        name=source.name, telescopes=seeing, sigma=error.sigma, field_rad=error.field, treatment=error.treatment
+    )
+
+
 def _photocentre(source: Source, mission: Question, seeing: Seeing) -> Nuisance:
     error = _of(Photocentre, source)
     return PhotocentreOffset(
@@ -314,5 +322,6 @@ NUISANCES: Mapping[tuple[str, str], Callable[[Source, Question, Seeing], Nuisanc
     ("position", "gauss_markov"): _position,
     ("position", "orbit_error"): _orbit_error,
     ("timing", "constant"): _timing,
+    ("plate_scale", "constant"): _plate_scale,
     ("photocentre", "constant"): _photocentre,
 }

@@ -65,3 +65,21 @@ def test_beside_other_groups_the_missing_one_is_said_how_to_have() -> None:
         InputError, match=r'unknown group \(got "timing"; allowed: bias.*to have it, add timing: \{sigma'
     ):
         load_mission_text(text)
+
+
+@pytest.mark.parametrize(
+    ("block", "words"),
+    [
+        (
+            "{sigma: 1e-5, field: 11 deg, treatment: considered}",
+            "field: is out of range .allowed up to 10 deg",
+        ),
+        ("{field: 1 deg, treatment: considered}", "plate_scale.sigma: is missing"),
+        ("{sigma: -1e-5, field: 1 deg, treatment: considered}", "plate_scale.sigma: is out of range"),
+        ("{sigma: 1e-5, field: 1, treatment: considered}", "plate_scale.field: needs .*unit"),
+    ],
+)
+def test_a_plate_scale_is_a_number_over_a_field(block: str, words: str) -> None:
+    text = CERTAIN.replace("#telescope", f"plate_scale: {block}").replace(", treatment: {GROUP: fixed}", "")
+    with pytest.raises(InputError, match=words):
+        load_mission_text(text)
