@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from nebosvod.errors import DataError, InputError
-from nebosvod.mission import FitMission, load_any
+from nebosvod.mission import load_mission
 from nebosvod.mission.reading.builtin import builtin_names
 from nebosvod.mission.yaml.yamlfile import shown
 from nebosvod.observation import GroundSite, Spacecraft, Telescope, read_oem, read_spk
@@ -62,9 +62,7 @@ def _target(text: str, name: str) -> int | None:
 
 def _of_mission(place: str, name: str) -> Telescope:
     """A telescope of a mission, with its limits."""
-    mission = load_any(place)
-    if isinstance(mission, FitMission):
-        raise InputError(f"{shown(place)}: is a file for a fit and has no telescopes; give an observatory code")
+    mission = load_mission(place)
     found = telescopes(mission)
     names = ", ".join(one.name for one in found)
     if not name and len(found) > 1:

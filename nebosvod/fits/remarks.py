@@ -69,7 +69,7 @@ def notices(found: Led, general: General) -> Iterator[str]:
     if chi2 < GENEROUS * freedom and chdtr(freedom, chi2) < RARE:
         yield (
             f"the residuals are smaller than the weights expect, chi squared {chi2:.3g} for "
-            f"{counted(freedom, 'degree')} of freedom before nights are thinned: stated sigmas may be "
+            f"{counted(freedom, 'degree')} of freedom before nights are thinned: the sigmas of the records may be "
             f"{np.sqrt(freedom / max(chi2, 1e-12)):.2g} times too large"
         )
 

@@ -7,6 +7,7 @@ from importlib.metadata import version
 from typing import Any
 
 from nebosvod.engine.fitting import Fit
+from nebosvod.results.ownership import sha256_of
 from nebosvod.scene.scene import Scene
 from nebosvod.version import __version__
 
@@ -17,6 +18,7 @@ def manifest(scene: Scene, seed: int, started: float, fits: list[Fit]) -> dict[s
     """Where a result came from; only `times` differ between two runs with one seed."""
     mission = scene.mission
     first, last = scene.ephemeris.span
+    inputs = {str(path): sha256_of(path) for path in mission.input_files if path.is_file()}
     return {
         "schema_version": 1,
         "versions": {
@@ -30,6 +32,7 @@ def manifest(scene: Scene, seed: int, started: float, fits: list[Fit]) -> dict[s
             "sha256": dict(scene.ephemeris.sha256),
             "span": f"{first.iso(digits=0)} to {last.iso(digits=0)}",
         },
+        **({"inputs_sha256": inputs} if inputs else {}),
         "seed": seed,
         "status": {one.estimator.name: str(one.status) for one in fits},
         "leap_seconds": "erfa's table; TAI - UTC stays at its last value, 37 s, after it; UT1 = UTC",

@@ -1,4 +1,4 @@
-"""Findings as rows of summary.json, units in the key names: the one place where they become dictionaries.
+"""Findings as rows of summary.json, units in the key names; those of predictions in `prediction_rows`.
 
 `d` components of a prediction in a unit have keys that end with it: `sigma_km`. What is infinite or undefined is null.
 """

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nebosvod.errors import InputError
-from nebosvod.mission import Question, load_any
+from nebosvod.mission import Mission, load_mission
 from nebosvod.mission.reading.builtin import builtin_names
 from nebosvod.mission.target import LOGARITHMS
 from nebosvod.mission.yaml.yamlfile import shown
@@ -38,16 +38,16 @@ def read_orbit(path: str | Path) -> UncertainOrbit:
         raise InputError(f"an orbit is read by a path or the name of a mission (got {type(path).__name__})")
     file = Path(path)
     if isinstance(path, str) and path in builtin_names() and not file.exists():
-        return mission_orbit(load_any(path))
+        return mission_orbit(load_mission(path))
     orbit = read_orbit_file(file)
     if orbit is not None:
         return orbit
     if file.suffix.lower() not in MISSION_NAMES:
         raise InputError(f"{shown(str(path))}: holds no orbit that is read; an orbit is {KNOWN}, or a mission (.yaml)")
-    return mission_orbit(load_any(file))
+    return mission_orbit(load_mission(file))
 
 
-def mission_orbit(mission: Question) -> UncertainOrbit:
+def mission_orbit(mission: Mission) -> UncertainOrbit:
     """What a mission knows beforehand: its nominal orbit at the reference epoch with its prior.
 
     The estimate that its measurements would give is that of its run: read the folder of the run.
@@ -58,8 +58,6 @@ def mission_orbit(mission: Question) -> UncertainOrbit:
         If it has no prior orbit; if it is a file for `nebosvod fit`.
     """
     name = shown(str(mission.path or mission.name))
-    if mission.kind == "fit":
-        raise InputError(f"{name}: is a file for a fit; make it with nebosvod fit {name}, and give the folder it makes")
     ephemeris = load_ephemeris(mission)
     forces = force_model(mission, ephemeris)
     require_epochs(mission, ephemeris)
@@ -106,7 +104,7 @@ def _lower(covariance: Array) -> Array:
     return lower
 
 
-def _physical(mission: Question, names: tuple[str, ...], factor: Array) -> Array:
+def _physical(mission: Mission, names: tuple[str, ...], factor: Array) -> Array:
     """The factor with rows of logarithms as those of their quantities, to first order: dR = R d ln R."""
     value = dict(parameter.quantity for parameter in mission.parameters)
     unit = np.array([value[LOGARITHMS[name]] if name in LOGARITHMS else 1.0 for name in names])

@@ -29,7 +29,10 @@ def load_mission(path: str | Path) -> Mission:
     mission = load_any(path)
     if isinstance(mission, FitMission):
         name = shown(str(path))
-        raise InputError(f"{name}: has a fit block, so there is nothing to simulate; it is for: nebosvod fit {name}")
+        raise InputError(
+            f"{name}: has a fit block, so there is nothing to simulate; it is for: nebosvod fit {name}, whose folder "
+            "holds the orbit"
+        )
     return mission
 
 

@@ -32,6 +32,7 @@ BASIS = {
     False: ", from these measurements alone; no earlier orbit was used",
     None: "",
 }
+NOTHING = 1e-6  # of a total sigma
 SQUARES = {2: "both", 3: "the three"}  # semi-axes by dimension, in the words that define a total sigma
 NEAR = 0.8  # of the largest share, from which on a source is named beside it
 
@@ -169,7 +170,8 @@ def _blame(run: RunFolder, main: Item) -> list[Markup]:
         rows = sorted(first["budget"], key=lambda row: -row["share_total"])
         listed = join(Markup("{} {}").format(row["source"], percent(row["share_total"])) for row in rows[:4])
         sentences.append(Markup("Variance of {}: {}.").format(first["name"], listed))
-        known = [row for row in rows if _remaining(row) is not None]
+        # a prior of the whole orbit, known exactly, leaves nothing: that says nothing
+        known = [row for row in rows if (_remaining(row) or 0.0) > NOTHING * total_sigma(first)]
         if known:
             best = min(known, key=lambda row: _remaining(row) or 0.0)
             unit = unit_of(first)
