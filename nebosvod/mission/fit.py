@@ -261,7 +261,7 @@ class FitMission(Question):
 
     _stations: tuple[str, ...] = PrivateAttr(default=())
     _epoch: Epoch | None = PrivateAttr(default=None)
-    _given: Orbit | None = PrivateAttr(default=None)
+    _found: StateOrbit | None = PrivateAttr(default=None)
 
     def complaints(self) -> list[Complaint]:
         """A prior orbit must be given, and errors are those that recorded observations can have."""
@@ -290,16 +290,15 @@ class FitMission(Question):
 
     def of(self, designation: str, stations: tuple[str, ...], epoch: Epoch, state: Array) -> "FitMission":
         """The same for one object seen by these telescopes, with an orbit found: its heliocentric ICRF state (6,)."""
-        orbit = _state_orbit(epoch, state)
         name = designation if "name" not in self.object.model_fields_set else self.object.name
-        made = self.standing_for(object=self.object.model_copy(update={"orbit": orbit, "name": name}))
-        made._stations, made._epoch, made._given = stations, epoch, self.orbit_given
+        made = self.standing_for(object=self.object.model_copy(update={"name": name}))
+        made._stations, made._epoch, made._found = stations, epoch, _state_orbit(epoch, state)
         return made
 
     @property
-    def orbit_given(self) -> Orbit | None:
-        """The orbit that the file gives, also where another one was found (`of`)."""
-        return self.object.orbit if self._epoch is None else self._given
+    def orbit(self) -> Orbit:
+        """The orbit found (`of`), else the one given, whose forces and covariance count all the same."""
+        return super().orbit if self._found is None else self._found
 
     @property
     def sources(self) -> tuple[Source, ...]:
@@ -331,7 +330,7 @@ class FitMission(Question):
     @property
     def given_orbits(self) -> dict[KeyPath, Orbit]:
         """The orbits the file gives, to start from and to compare with, by their places in it."""
-        start, reference = self.orbit_given, self.fit.reference
+        start, reference = self.object.orbit, self.fit.reference
         given: dict[KeyPath, Orbit] = {} if start is None else {("object", "orbit"): start}
         return given if reference is None else given | {("fit", "reference", "orbit"): reference.orbit}
 

@@ -142,11 +142,6 @@ class Question(Block):
             raise InputError(f"{shown(self.name)}: its orbit is not known yet")
         return self.object.orbit
 
-    @property
-    def orbit_given(self) -> Orbit | None:
-        """The orbit that the file gives, whose covariance the prior `orbit` means; None where it gives none."""
-        return self.object.orbit
-
     def beside(self, name: str) -> Path:
         """The path of a file named in the mission, relative to the mission's own."""
         folder = self._path.parent if self._path is not None else Path()
@@ -226,7 +221,7 @@ class Question(Block):
         With `prior: orbit`, A1..A3 that came with the orbit are estimated: the covariance is joint with them.
         """
         joint = self.prior == "orbit"
-        orbit = self.orbit_given
+        orbit = self.object.orbit
         known = orbit.labels if isinstance(orbit, FileOrbit) else None  # others may have come without a covariance
         return tuple(
             replace(p, treatment="estimated")
@@ -252,7 +247,7 @@ class Question(Block):
             and all(self.source_treatment(estimator, source) == "fixed" for estimator in self.estimators)
         ]
         text = "is fixed: it has no error in this mission, in truth neither, and its sigma is not used"
-        read = (getattr(one, "found", None) for one in (self.orbit_given, self.prior))
+        read = (getattr(one, "found", None) for one in (self.object.orbit, self.prior))
         told = [notice for found in read if found is not None for notice in found.notices]
         return (*(f"{name} {text} (ignored or considered would count it)" for name in held), *told)
 
@@ -273,7 +268,7 @@ class Question(Block):
     def covariance_prior(self) -> CovariancePrior | None:
         """The prior as a covariance, from `prior.covariance` or, for the prior `orbit`, from the SBDB block."""
         if isinstance(self.prior, str):
-            orbit = self.orbit_given
+            orbit = self.object.orbit
             if self.prior == "orbit" and isinstance(orbit, FileOrbit):
                 return _of_file(orbit)
             if self.prior == "none" or not isinstance(orbit, SbdbOrbit):

@@ -1,4 +1,4 @@
-"""The element names of ADES (IAU Astrometry Data Exchange Standard, versions 2017 and 2022), and the nearest to a misspelt one.
+"""The element names of ADES (IAU Astrometry Data Exchange Standard, versions 2017 and 2022), and one near to another.
 
 https://minorplanetcenter.net/iau/info/ADES.html; names as in the official adesmaster.xml.
 """

@@ -288,3 +288,27 @@ def test_a_fit_with_the_orbit_of_the_first_half_as_its_prior_is_the_fit_of_all(m
     ratio = np.linalg.solve(factor, np.array(found["then"]["factor_km_km_s"]))
     np.testing.assert_allclose(np.linalg.svd(ratio, compute_uv=False), 1.0, atol=0.01)
     assert found["first"]["sigma_position_km"] > 2.0 * found["made"]["sigma_position_km"]
+
+
+def test_forces_that_come_with_an_orbit_stay_when_another_orbit_is_found(made, tmp_path):
+    """A1 of an earlier fit, estimated jointly with its orbit: as if it were written out."""
+    text = made("  clock: 0 s\n  rejection: {enabled: false}\n", n=60, days=80.0).path.read_text("utf-8")
+    head, records = text[: text.index("object:")], text[text.index("fit:") :]
+    force = "  nongrav: {A1: {value: 2e-8 au/d^2, sigma: 1e-8 au/d^2, treatment: estimated}}\n"
+    (tmp_path / "first.yaml").write_text(text[: text.index("fit:")] + force + records + "  to: 2023-02-27\n", "utf-8")
+    assert main(["fit", str(tmp_path / "first.yaml"), "-o", str(tmp_path / "first")]) == 0
+    found = json.loads((tmp_path / "first" / "summary.json").read_text("utf-8"))["estimators"][0]["parameters"]
+    a1 = found["a1_au_d2"]["estimate"]
+    given = "object:\n  name: made\n  orbit: {kind: file, file: first}\n"
+    written = f"  nongrav: {{A1: {{value: {a1!r} au/d^2, treatment: estimated}}}}\n"
+    states = []
+    for name, more in (("along", ""), ("written", written)):
+        path = tmp_path / f"{name}.yaml"
+        path.write_text(head + given + more + "prior: orbit\n" + records + "  from: 2023-02-27\n", "utf-8")
+        assert main(["fit", str(path), "-o", str(tmp_path / name)]) == 0
+        summary = json.loads((tmp_path / name / "summary.json").read_text("utf-8"))
+        assert summary["physics"]["nongrav_au_d2"]["a1_au_d2"] == pytest.approx(a1, rel=1e-12)
+        states.append(summary["estimators"][0])
+    one, two = (np.array(state["state_km_km_s"]) for state in states)
+    assert np.linalg.norm(np.linalg.solve(np.array(states[1]["factor_km_km_s"]), one - two)) < 1e-3
+    assert states[0]["sigma_position_km"] == pytest.approx(states[1]["sigma_position_km"], rel=1e-6)
