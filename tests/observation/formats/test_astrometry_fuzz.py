@@ -1,6 +1,6 @@
 """Mutated observation files through each reader: a sound table or a sentence with file and line, never anything else.
 
-NEBOSVOD_FUZZ_CASES raises the number of cases (5,000 by default for each format).
+NEBOSVOD_FUZZ_CASES raises the number of cases (1,500 by default for each format).
 """
 
 import os
@@ -16,7 +16,7 @@ from nebosvod.observation.formats.reading import format_of, parse_astrometry
 from nebosvod.observation.formats.records import Astrometry
 from nebosvod.observation.formats.source_file import SourceFile
 
-CASES = int(os.environ.get("NEBOSVOD_FUZZ_CASES", "5000"))
+CASES = int(os.environ.get("NEBOSVOD_FUZZ_CASES", "1500"))
 LIMIT_S = 2.0  # CPU seconds for one file
 COLUMNS = (
     "permID|provID|trkSub|mode|stn|sys|ctr|pos1|pos2|pos3|posCov11|posCov22|posCov33|posCov12|obsTime|rmsTime|ra|dec|"
