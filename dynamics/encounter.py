@@ -124,11 +124,11 @@ def closest_approaches(relative: Callable[[Array], Array], times: Array) -> list
     """
     states = relative(times)
     rate = np.einsum("ij,ij->i", states[:, :3], states[:, 3:])
-    found = []
-    for k in np.flatnonzero((rate[:-1] < 0.0) & (rate[1:] >= 0.0)):
-        t = _root(relative, float(times[k]), float(times[k + 1]), float(rate[k]), float(rate[k + 1]))
-        found.append((t, relative(np.array([t]))[0]))
-    return found
+    turns = np.flatnonzero((rate[:-1] < 0.0) & (rate[1:] >= 0.0))
+    if not turns.size:
+        return []
+    least = _roots(relative, times[turns], times[turns + 1], rate[turns], rate[turns + 1])
+    return list(zip(least.tolist(), relative(least)))
 
 
 def target_plane(trajectory: Trajectory, encounter: Encounter, kind: Plane = "b_plane") -> TargetPlane:
@@ -218,19 +218,29 @@ def _refined(edges: Array) -> Array:
     return inner
 
 
-def _root(relative: Callable[[Array], Array], low: float, high: float, f_low: float, f_high: float) -> float:
-    """Zero of r.v between low and high (f_low < 0 <= f_high), Illinois secant with bisection in reserve."""
+def _roots(relative: Callable[[Array], Array], low: Array, high: Array, f_low: Array, f_high: Array) -> Array:
+    """Zeros (n,) of r.v, each between low and high (f_low < 0 <= f_high), all together.
+
+    Illinois secant with bisection in reserve.
+    """
+    found, open_ = 0.5 * (low + high), np.arange(len(low))
     for sweep in range(100):
-        t = (low * f_high - high * f_low) / (f_high - f_low) if sweep < 50 else 0.5 * (low + high)
-        state = relative(np.array([t]))[0]
-        value = float(state[:3] @ state[3:])
-        if value >= 0.0:
-            high, f_high, f_low = t, value, (0.5 * f_low if value > 0.5 * f_high else f_low)
-        else:
-            low, f_low, f_high = t, value, (0.5 * f_high if value < 0.5 * f_low else f_high)
-        if high - low < 1e-6 or value == 0.0 or abs(value) < 1e-9 * float(state[3:] @ state[3:]):
-            return t
-    return 0.5 * (low + high)
+        a, b, f_a, f_b = low[open_], high[open_], f_low[open_], f_high[open_]
+        t = (a * f_b - b * f_a) / (f_b - f_a) if sweep < 50 else 0.5 * (a + b)
+        states = relative(t)
+        value = np.einsum("ij,ij->i", states[:, :3], states[:, 3:])
+        up = value >= 0.0
+        f_low[open_] = np.where(up, np.where(value > 0.5 * f_b, 0.5 * f_a, f_a), value)
+        f_high[open_] = np.where(up, value, np.where(value < 0.5 * f_a, 0.5 * f_b, f_b))
+        low[open_], high[open_] = np.where(up, a, t), np.where(up, t, b)
+        found[open_] = t
+        speed2 = np.einsum("ij,ij->i", states[:, 3:], states[:, 3:])
+        still = (high[open_] - low[open_] >= 1e-6) & (np.abs(value) >= 1e-9 * speed2)
+        open_ = open_[still]
+        if not open_.size:
+            return found
+    found[open_] = 0.5 * (low[open_] + high[open_])
+    return found
 
 
 def _norm(a: Analytic) -> Analytic:

@@ -117,8 +117,19 @@ def time_partials(trajectory: Trajectory, event: Encounter) -> Array:
 
 def what_it_hits(trajectory: Trajectory) -> Encounter | None:
     """The impact that ends an orbit, whatever it hits; None if it goes on."""
-    found = (impact(trajectory, body) for body in trajectory.forces.bodies if body in SURFACE_KM)
-    return next((hit for hit in found if hit is not None), None)
+    ephemeris, last = trajectory.forces.ephemeris, trajectory.span_s[1:]
+    sun = ephemeris.position_km("sun", trajectory.epoch, last)[0]
+    end = trajectory.state_at(last)[0, :3] + sun
+    for body in trajectory.forces.bodies:
+        if body not in SURFACE_KM:
+            continue
+        place = sun if body == "sun" else ephemeris.position_km(body, trajectory.epoch, last)[0]
+        if float(np.linalg.norm(end - place)) > 2.0 * SURFACE_KM[body]:  # far from every flattened surface
+            continue
+        hit = impact(trajectory, body)
+        if hit is not None:
+            return hit
+    return None
 
 
 def gate(trajectory: Trajectory, hit: Encounter) -> Encounter:

@@ -23,6 +23,8 @@ BLOCK = 16  # nodes computed, and kept, together
 AGAIN = 4  # nodes worth computing per cell asked for: an orbit is improved by asking for the same times again
 # Cells in which nutation 2000A less 2000B is taken as constant, to 0.03 mas: 1 mm on the ground, 6 mm on that ring
 CELL_DAYS = 0.25
+MJD_0 = 2400000.5
+MOST_KEPT = 100_000  # columns of a function that is kept: 20 MB
 # Six-point Lagrange denominators prod_{k != j} (j - k) for nodes a unit apart.
 DENOMINATORS = (-120.0, 24.0, -12.0, 12.0, -24.0, 120.0)
 
@@ -45,12 +47,50 @@ def R_icrf_from_cirs(epoch: Epoch, t_s: Array) -> Array:
     elif 2 * cells.size > days.size:
         xys[...] = erfa.xys06a(epoch.day, days)
     else:
-        middle = (cells + 0.5) * CELL_DAYS
-        slow = np.stack(erfa.xys06a(epoch.day, middle)) - np.stack(erfa.xys00b(epoch.day, middle))
+        slow = _slow(_numbers(epoch, cells, CELL_DAYS))
         xys[...] = np.stack(erfa.xys00b(epoch.day, days)) + slow[:, cell]
     R = np.empty((days.size, 3, 3))
     _orient(xys, R)
     return R
+
+
+class _Kept:
+    """Columns of a costly function of whole numbers, such as those of cells of time, each computed once in a process.
+
+    Surveys see hundreds of objects in the same nights. What a column is does not depend on what was asked before.
+    """
+
+    def __init__(self, function: Callable[[Array], Array]) -> None:
+        self.function = function
+        self.known: dict[float, Array] = {}
+
+    def __call__(self, numbers: Array) -> Array:
+        """Columns (k, n) at numbers (n,)."""
+        asked = numbers.tolist()
+        if len(self.known) > MOST_KEPT:
+            self.known.clear()
+        missing = [number for number in asked if number not in self.known]
+        if missing:
+            self.known.update(zip(missing, self.function(np.array(missing)).T.copy()))
+        return np.array([self.known[number] for number in asked]).T
+
+
+def _numbers(epoch: Epoch, cells: Array, length_days: float) -> Array:
+    """Numbers of cells counted from the day of an epoch, counted from MJD 0."""
+    return cells + round((epoch.day - MJD_0) / length_days)
+
+
+def _jd(numbers: Array, length_days: float) -> tuple[Array, Array]:
+    """Where cells of so many days begin, as two parts of a Julian date."""
+    days = np.floor(numbers * length_days)
+    return MJD_0 + days, numbers * length_days - days
+
+
+@_Kept
+def _slow(numbers: Array) -> Array:
+    """Nutation 2000A less 2000B in X, Y and s (3, n), rad, amid cells."""
+    middle = _jd(numbers + 0.5, CELL_DAYS)
+    return np.asarray(np.stack(erfa.xys06a(*middle)) - np.stack(erfa.xys00b(*middle)))
 
 
 @lru_cache(maxsize=1024)
@@ -135,20 +175,30 @@ def tt_days(epoch: Epoch, t_s: Array) -> Array:
         return np.asarray(-erfa.dtdb(epoch.day, days, 0.0, 0.0, 0.0, 0.0) / 86400.0)
 
     days = epoch.fraction + t_s / 86400.0
-    return days + _by_cells(tt_minus_tdb, days)
+    return days + _by_cells(tt_minus_tdb, days, lambda edges: _tt_minus_tdb(_numbers(epoch, edges, STEP_DAYS))[0])
 
 
-def _by_cells(offset: Callable[[Array], Array], days: Array) -> Array:
+@_Kept
+def _tt_minus_tdb(numbers: Array) -> Array:
+    """TT - TDB at the edges of cells (1, n), days."""
+    return np.asarray(-erfa.dtdb(*_jd(numbers, STEP_DAYS), 0.0, 0.0, 0.0, 0.0) / 86400.0)[None]
+
+
+def _by_cells(offset: Callable[[Array], Array], days: Array, of_edges: Callable[[Array], Array] | None = None) -> Array:
     """A clock's offset from TDB (n,), days, at TDB `days` (n,) after some 0h.
 
     It costs 5 us a time (the 787 terms of dtdb), so it is taken at both ends of the half-day cells that hold any, and
     interpolated, to 1e-9 s; cells in which it steps (a leap second) are evaluated time by time.
+
+    Parameters
+    ----------
+    of_edges : the same at whole numbers of half days, where they are kept.
     """
     cell = np.floor(days / STEP_DAYS)
     edges = np.unique(np.concatenate([cell, cell + 1.0]))
     if edges.size >= days.size:
         return offset(days)
-    at_edges = offset(edges * STEP_DAYS)
+    at_edges = offset(edges * STEP_DAYS) if of_edges is None else of_edges(edges)
     which = np.searchsorted(edges, cell)
     change = at_edges[which + 1] - at_edges[which]
     value: Array = at_edges[which] + (days / STEP_DAYS - cell) * change

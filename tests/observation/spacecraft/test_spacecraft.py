@@ -10,6 +10,7 @@ from astropy.utils import iers
 
 from nebosvod.errors import InputError
 from nebosvod.observation import Geostationary, HeliocentricCompanion
+from nebosvod.observation.earth import earth_rotation
 from nebosvod.observation.earth.earth_rotation import R_icrf_from_cirs, earth_rotation_angle
 from nebosvod.observation.spacecraft.kinds import rtn_axes, turn_about_ecliptic_pole
 from nebosvod.timescale import Epoch, utc_jd
@@ -126,6 +127,28 @@ def test_interpolated_precession_nutation_equals_erfa_to_a_microarcsecond():
     exact = np.swapaxes(erfa.c2i06a(EPOCH.day, EPOCH.fraction + t_s[some] / 86400.0), 1, 2)
     assert np.max(np.abs(ours[some] - exact)) < 5e-12  # 1e-6 arcsec
     np.testing.assert_allclose(R_icrf_from_cirs(EPOCH, t_s[some][:10]), exact[:10], rtol=0.0, atol=1e-15)
+
+
+def test_the_turn_of_a_night_does_not_depend_on_what_was_asked_before(monkeypatch):
+    """What is kept of a night is that night's own, to the last bit, whatever epoch it is counted from."""
+    night = 86400.0 * (np.repeat([3.1, 800.3, 2100.6], 4) + 0.02 * np.tile(np.arange(4), 3))
+    other = Epoch.parse("2019-03-05T00:00:00 TDB")
+
+    def asked(order):
+        for kept in (earth_rotation._slow, earth_rotation._tt_minus_tdb):
+            monkeypatch.setattr(kept, "known", {})
+        for start in order:
+            gap = EPOCH - start
+            found = R_icrf_from_cirs(start, night + gap), earth_rotation.tt_days(start, night + gap)
+        return found
+
+    first, second = asked([EPOCH]), asked([other, EPOCH])
+    for one, again in zip(first, second):
+        assert one.tobytes() == again.tobytes()
+    exact = np.swapaxes(erfa.c2i06a(EPOCH.day, EPOCH.fraction + night / 86400.0), 1, 2)
+    np.testing.assert_allclose(first[0], exact, rtol=0.0, atol=1.5e-10)  # 0.03 mas
+    shift = erfa.dtdb(EPOCH.day, EPOCH.fraction + night / 86400.0, 0.0, 0.0, 0.0, 0.0) / 86400.0
+    np.testing.assert_allclose(first[1], EPOCH.fraction + night / 86400.0 - shift, rtol=0.0, atol=1e-12)
 
 
 @pytest.mark.parametrize("start", ["2016-12-20T00:00:00 TDB", "2028-03-01T06:00:00 TDB"])
