@@ -8,8 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nebosvod.dynamics.compilation import LANES, exact_kernel, inlined_kernel
-from nebosvod.dynamics.constants import DAY_S
-from nebosvod.dynamics.ephemeris import MOST_ORDERS
+from nebosvod.dynamics.constants import DAY_S, MOST_ORDERS
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]

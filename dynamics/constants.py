@@ -11,6 +11,8 @@ from nebosvod.units import AU_KM as AU_KM
 from nebosvod.units import DAY_S as DAY_S
 
 SPEED_OF_LIGHT_KM_S = 299792.458  # BIPM, SI definition of the metre (exact)
+# coefficients of a record, the size of the kernels' table; DE440, DE441 and their asteroids have 14 at most
+MOST_ORDERS = 16
 J2000_JD = 2451545.0  # 2000-01-01T12:00:00 TDB, IAU 1976 System of Astronomical Constants
 SOLAR_IRRADIANCE_W_M2 = 1361.0  # total solar irradiance at 1 au; Kopp and Lean 2011 (GRL 38, L01706) give 1360.8 +- 0.5
 OBLIQUITY_J2000_RAD = math.radians(84381.448 / 3600.0)  # ecliptic_j2000 of JPL; IAU 1976 (Lieske et al. 1977)

@@ -22,7 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nebosvod.borders.quantities import bordered
-from nebosvod.dynamics.constants import DAY_S, J2000_JD
+from nebosvod.dynamics.constants import DAY_S, J2000_JD, MOST_ORDERS
 from nebosvod.dynamics.spkfile import Series, read_series
 from nebosvod.errors import CoverageError, DataError, InputError
 from nebosvod.timescale import Epoch
@@ -42,7 +42,6 @@ ASTEROID_NUMBERS = MappingProxyType(
     }
 )  # fmt: skip
 ASTEROIDS = tuple(ASTEROID_NUMBERS)
-MOST_ORDERS = 16  # of a record, the size of the kernels' table; DE440, DE441 and their asteroids have 14 at most
 # Above so many times loading the compiler (0.5 s) pays even where nothing else has loaded it
 COMPILE_ABOVE = 1_000_000
 # A position is asked for a light time before the first epoch, and differenced about the last one. So far beyond either

@@ -6,14 +6,17 @@ Times are TDB, states heliocentric ICRF in km and km/s, covariances in km^2, km^
 
 import re
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from nebosvod.borders.wholefile import write_whole
-from nebosvod.dynamics.trajectory import Trajectory
 from nebosvod.errors import InputError
 from nebosvod.timescale import Epoch
+
+if TYPE_CHECKING:  # it imports this file where it is asked to write
+    from nebosvod.dynamics.trajectory import Trajectory
 
 Array = npt.NDArray[np.float64]
 _CREATED = re.compile(r"[0-9]{4}-[0-9]{2}-[0-9]{2}T[0-9]{2}:[0-9]{2}:[0-9]{2}(\.[0-9]+)?")
@@ -22,7 +25,7 @@ ROUNDING = 1e-9
 
 
 def write_oem(
-    trajectory: Trajectory,
+    trajectory: "Trajectory",
     path: Path,
     *,
     object_name: str,

@@ -17,6 +17,7 @@ which SPICE cannot read the last one.
 import math
 import struct
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -25,8 +26,10 @@ from numpy.polynomial.chebyshev import chebval, chebvander
 
 from nebosvod.borders.wholefile import whole_file
 from nebosvod.dynamics.constants import DAY_S, J2000_JD
-from nebosvod.dynamics.trajectory import Trajectory
 from nebosvod.errors import InputError
+
+if TYPE_CHECKING:  # it imports this file where it is asked to write
+    from nebosvod.dynamics.trajectory import Trajectory
 
 Array = npt.NDArray[np.float64]
 Piece = tuple[float, float, Array]  # begin and length in TDB seconds since J2000, coefficients (6, 16)
@@ -41,7 +44,7 @@ RECORD_BYTES = 1024
 SUN, J2000, TYPE = 10, 1, 3
 
 
-def write_spk(trajectory: Trajectory, path: Path, target: int, name: str) -> int:
+def write_spk(trajectory: "Trajectory", path: Path, target: int, name: str) -> int:
     """Write the span of the trajectory and return the number of segments; see above how to read many with jplephem.
 
     Parameters
@@ -76,12 +79,12 @@ def write_spk(trajectory: Trajectory, path: Path, target: int, name: str) -> int
     return len(runs)
 
 
-def _j2000_s(trajectory: Trajectory) -> float:
+def _j2000_s(trajectory: "Trajectory") -> float:
     """The trajectory's epoch in TDB seconds since J2000, rounded to float64."""
     return (trajectory.epoch.day - J2000_JD + trajectory.epoch.fraction) * DAY_S
 
 
-def _pieces(trajectory: Trajectory) -> list[Piece]:
+def _pieces(trajectory: "Trajectory") -> list[Piece]:
     """The halved span in time order, edges on the exact grid; the last piece may end 2^-4 s before the span does."""
     first, last = trajectory.span_s
     begin = math.floor((_j2000_s(trajectory) + first) / EDGE_GRAIN_S) * EDGE_GRAIN_S
@@ -106,7 +109,7 @@ def _pieces(trajectory: Trajectory) -> list[Piece]:
     return done
 
 
-def _states(trajectory: Trajectory, middle: float, offsets: Array) -> Array:
+def _states(trajectory: "Trajectory", middle: float, offsets: Array) -> Array:
     """States (n, 6) at offsets in seconds from a moment in seconds since J2000.
 
     Seconds after an epoch years away have a grain, too: the state goes along its velocity from the time that

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nebosvod.dynamics.compilation import LANES, inlined_kernel
-from nebosvod.dynamics.ephemeris import MOST_ORDERS
+from nebosvod.dynamics.constants import MOST_ORDERS
 from nebosvod.dynamics.relativity import MAJOR
 
 Array = npt.NDArray[np.float64]

@@ -146,6 +146,25 @@ def test_a_room_imports_only_from_rooms_above_it(path: Path) -> None:
     assert not {one for one in above if ROOMS.index(one) > ROOMS.index(room)}
 
 
+def run_time_targets(path: Path) -> set[Path]:
+    """The modules a file imports when it runs, also inside functions; not those for types alone."""
+    tree = ast.parse(path.read_text("utf-8"))
+    for_types = {node for node in tree.body if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test)}
+    tree.body = [node for node in tree.body if node not in for_types]
+    asked = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and node.module]
+    names = {name for node in asked for alias in node.names for name in (f"{node.module}.{alias.name}", node.module)}
+    return {FILE_OF[name] for name in names if name in FILE_OF and FILE_OF[name].stem != "__init__"}
+
+
+def test_no_files_import_each_other_in_a_circle() -> None:
+    """Nor through an import inside a function, which only hides it."""
+    left = {path: run_time_targets(path) for path in CODE}
+    while free := [path for path, wanted in left.items() if not wanted & left.keys()]:
+        for path in free:
+            del left[path]
+    assert not [path.relative_to(ROOT).as_posix() for path in left if path in set().union(*left.values())]
+
+
 @pytest.mark.parametrize("room", [room for room in ROOMS if (ROOT / room).is_dir()])
 def test_every_room_says_at_its_door_what_it_is(room: str) -> None:
     words = ast.get_docstring(ast.parse((ROOT / room / "__init__.py").read_text("utf-8"))) or ""
