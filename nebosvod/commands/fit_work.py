@@ -69,6 +69,8 @@ def fit_one(
         if not written:
             text = "the tests found no shared error and no missing force, so there is nothing to suggest"
             click.echo(f"notice: {text}: {suggest} is not written", err=True)
+        for copy in written[1:]:
+            click.echo(f"notice: {copy}: copied there, for settings name files below their own folder", err=True)
     if as_json:
         click.echo(result.summary_text(), nl=False)
     else:

@@ -1,5 +1,6 @@
 """The settings that would mend what the score tests of a fit found: `uncertainty`, and a force to estimate."""
 
+import itertools
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -22,7 +23,7 @@ from nebosvod.units import ARCSEC
 WIDER = 2.0  # prior sigma against the size that was found: it must not lead
 SHORTEST_S = 0.5 * SECONDS_PER_DAY
 PARTS = 20.0  # of the span: correlation time of a wander
-PATHS = ("weights", "debias")
+PATHS = ("weights", "debias", "file", "ephemeris")  # keys that name files
 MARK = "# Settings that nebosvod fit --suggest has written; --overwrite replaces them while this line stands first."
 
 
@@ -56,28 +57,42 @@ def entry(one: SharedError, epoch: Epoch) -> dict[str, Any]:
 
 def flow(block: Mapping[str, Any]) -> str:
     """A block as YAML on one line."""
-    return yaml.safe_dump(dict(block), default_flow_style=True, sort_keys=False, width=10_000).strip()
+    return yaml.dump(dict(block), Dumper=_Dumper, default_flow_style=True, sort_keys=False, width=10_000).strip()
 
 
-def suggested(mission: FitMission, found: Led, epoch: Epoch, folder: Path) -> dict[str, Any]:
+class _Dumper(yaml.SafeDumper):
+    """What the program reads back as it was: PyYAML's own leaves 084 bare, which is a number to YAML 1.2."""
+
+
+def _text(dumper: yaml.SafeDumper, text: str) -> yaml.ScalarNode:
+    """A text, in quotes where it begins like a number and has no blank."""
+    bare = " " in text or not text[:1].isdigit()
+    return dumper.represent_scalar("tag:yaml.org,2002:str", text, style=None if bare else "'")
+
+
+_Dumper.add_representer(str, _text)
+
+
+def suggested(mission: FitMission, found: Led, epoch: Epoch, folder: Path, copied: list[Path]) -> dict[str, Any]:
     """The settings of a fit with what its tests would mend added.
 
     Parameters
     ----------
     epoch : from which the spans of shared errors count.
-    folder : where the settings will stand; files are named as they are seen from there.
+    folder : where the settings will stand; files are named as they are seen from there, and those outside are copied
+        into it, for settings name only files below their folder.
+    copied : is told of them.
+
+    Raises
+    ------
+    OutputError
+        If a file cannot be copied, or what is named is a folder outside.
     """
     read = parse_yaml(mission._text, mission.name).tree if mission._text else {}
-    given: dict[str, Any] = dict(read) if isinstance(read, dict) else {}
+    given: dict[str, Any] = _seen(read, mission, folder, copied) if isinstance(read, dict) else {}
     said: dict[str, Any] = given | {"schema_version": 1, "name": f"{slug(mission.name, 'name')}-mended"}
     plan = dict(said.get("fit") or {}) | _plan(mission)
-    plan["observations"] = [_from(folder, mission, name) for name in mission.fit.observations]
-    plan |= {key: _from(folder, mission, plan[key]) for key in PATHS if plan.get(key)}
-    carriers = {code: dict(block) for code, block in dict(plan.get("spacecraft") or {}).items()}
-    for block in carriers.values():
-        block["file"] = _from(folder, mission, block["file"])
-    if carriers:
-        plan["spacecraft"] = carriers
+    plan["observations"] = [_from(folder, mission, name, copied) for name in mission.fit.observations]
     entries = plan.get("uncertainty") or []
     entries = [entries] if isinstance(entries, dict) else list(entries)
     taken: set[tuple[str, str]] = set()
@@ -126,8 +141,8 @@ def writable(path: Path, overwrite: bool) -> None:
         raise OutputError(f"--suggest: {error}") from None
 
 
-def write_suggestion(path: Path, mission: FitMission, found: Led, epoch: Epoch, overwrite: bool) -> bool:
-    """Write those settings; returns whether there was anything to mend, for else nothing is written.
+def write_suggestion(path: Path, mission: FitMission, found: Led, epoch: Epoch, overwrite: bool) -> tuple[Path, ...]:
+    """Write those settings; returns them and what was copied beside them; nothing where there is nothing to mend.
 
     Raises
     ------
@@ -135,13 +150,14 @@ def write_suggestion(path: Path, mission: FitMission, found: Led, epoch: Epoch, 
         If they cannot be written, or must not.
     """
     if not found.errors and foremost(found.forces) is None:
-        return False
+        return ()
     writable(path, overwrite)
-    settings = suggested(mission, found, epoch, path.parent)
-    text = f"{MARK}\n{yaml.safe_dump(settings, sort_keys=False, allow_unicode=True, width=110)}"
+    copied: list[Path] = []
+    settings = suggested(mission, found, epoch, path.parent, copied)
+    text = f"{MARK}\n{yaml.dump(settings, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=110)}"
     with whole_file(path, new=not overwrite) as file:
         file.write(text.encode("utf-8"))
-    return True
+    return path, *copied
 
 
 def _plan(mission: FitMission) -> dict[str, Any]:
@@ -155,7 +171,38 @@ def _plan(mission: FitMission) -> dict[str, Any]:
     return plan
 
 
-def _from(folder: Path, mission: FitMission, name: str) -> str:
-    """A file named beside the settings, or on the command line, as seen from another folder."""
-    full = (mission.beside(name) if mission.path is not None else Path(name)).resolve()
-    return os.path.relpath(full, folder.resolve())
+def _seen(tree: Any, mission: FitMission, folder: Path, copied: list[Path]) -> Any:
+    """A tree of settings with every file in it named as it is seen from another folder."""
+    if isinstance(tree, list):
+        return [_seen(value, mission, folder, copied) for value in tree]
+    if not isinstance(tree, dict):
+        return tree
+    return {
+        key: _from(folder, mission, value, copied)
+        if key in PATHS and isinstance(value, str)
+        else _seen(value, mission, folder, copied)
+        for key, value in tree.items()
+    }
+
+
+def _from(folder: Path, mission: FitMission, name: str, copied: list[Path]) -> str:
+    """A file named beside the settings, or on the command line, as seen from another folder; a copy of one outside."""
+    full, home = (mission.beside(name) if mission.path is not None else Path(name)).resolve(), folder.resolve()
+    if full.is_relative_to(home):
+        return os.path.relpath(full, home)
+    if not full.is_file():
+        raise OutputError(f"--suggest: {full} is a folder outside {home}; write the settings where they can name it")
+    try:
+        data = full.read_bytes()
+        for number in itertools.count(1):
+            stem, dot, rest = full.name.partition(".")
+            place = home / (full.name if number == 1 else f"{stem}-{number}{dot}{rest}")
+            if not place.exists():
+                with whole_file(place, new=True) as file:
+                    file.write(data)
+                copied.append(place)
+            if place.is_file() and place.read_bytes() == data:
+                return place.name
+    except OSError as error:
+        raise OutputError(f"--suggest: {full} cannot be copied to {home}: {error.strerror}") from None
+    raise AssertionError("numbers do not end")

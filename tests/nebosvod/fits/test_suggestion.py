@@ -11,6 +11,7 @@ from nebosvod.cli import main
 from nebosvod.errors import OutputError
 from nebosvod.fits.suggestion import write_suggestion
 from nebosvod.mission import load_fit
+from nebosvod.pipeline import mission_of
 from nebosvod.timescale import Epoch
 from nebosvod.units import ARCSEC
 
@@ -93,3 +94,31 @@ def test_a_place_for_suggestions_is_refused_before_the_fit(folder: Path, capsys:
     assert main(call) == 3
     assert "was not suggested by this program" in capsys.readouterr().err
     assert not (folder / "out").exists()
+
+
+def test_suggested_settings_can_be_run_wherever_they_are_written(folder: Path, tmp_path: Path) -> None:
+    """Files outside their folder are copied beside them, once; stations named by digits keep their zeros."""
+    home, taken = tmp_path / "home", tmp_path / "home" / "fit.obs80"
+    home.mkdir()
+    taken.write_text("of somebody else", "utf-8")
+    (folder / "fit.obs80").write_bytes((folder / "made.obs80").read_bytes())
+    plain = mission_of([str(folder / "made.obs80"), str(folder / "fit.obs80")])
+    errors = [biased("084"), biased("500"), biased("704")]
+    written = write_suggestion(home / "mended.yaml", plain, found(*errors), EPOCH, overwrite=False)
+    assert [path.name for path in written] == ["mended.yaml", "made.obs80", "fit-2.obs80"]
+    after = load_fit(home / "mended.yaml")
+    assert after.fit.observations == ("made.obs80", "fit-2.obs80")
+    assert [entry.stations for entry in after.fit.uncertainty] == [("084",), ("500",), ("704",)]
+    assert taken.read_text("utf-8") == "of somebody else"
+    again = write_suggestion(home / "mended.yaml", plain, found(*errors), EPOCH, overwrite=True)
+    assert [path.name for path in again] == ["mended.yaml"]
+
+
+def test_every_file_of_the_given_settings_is_found_from_another_folder(folder: Path, tmp_path: Path) -> None:
+    before, home = load_fit(folder / "fit.yaml"), tmp_path / "home"
+    home.mkdir()
+    written = write_suggestion(home / "mended.yaml", before, found(biased("I41")), EPOCH, overwrite=False)
+    assert len(written) > 1
+    after = load_fit(home / "mended.yaml")
+    kept = after.fit.model_copy(update={"uncertainty": after.fit.uncertainty[:-1]})
+    assert repr(kept) == repr(before.fit)
