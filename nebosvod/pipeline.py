@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,7 @@ from nebosvod.fits.engine import fit_object
 from nebosvod.mission import FitMission, Mission
 from nebosvod.mission.fields import line_of_text
 from nebosvod.mission.fit import FitPlan
+from nebosvod.mission.reading.places import asking
 from nebosvod.mission.reading.reader import require_mission
 from nebosvod.mission.slugs import slug
 from nebosvod.observation.formats.records import Astrometry
@@ -157,7 +159,8 @@ def objects(mission: FitMission, split: bool) -> Iterator[Astrometry]:
         for name in records.objects:
             yield records.of(name)
         return
-    with noting(records.notices):
+    place = asking(mission, "fit", "designation") if mission.was_read else nullcontext()
+    with noting(records.notices), place:
         mine = one_object(records, designations, SPLIT_HINT)
     yield mine
 

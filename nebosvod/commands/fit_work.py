@@ -87,7 +87,8 @@ def fit_every(
     for name, found in every(mission, ephemeris, say, export=export):
         if isinstance(found, NebosvodError):
             failed = True
-            click.echo("\n".join((f"{name}: {found}", *(f"notice: {note}" for note in notes_of(found)))), err=True)
+            said = str(found) if str(found).startswith(f"{name}: ") else f"{name}: {found}"
+            click.echo("\n".join((said, *(f"notice: {note}" for note in notes_of(found)))), err=True)
             continue
         own = folder / slug(name, "object")
         with OwnedFolder(own, report_text, overwrite=overwrite) as target:

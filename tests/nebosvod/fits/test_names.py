@@ -75,3 +75,29 @@ def test_a_number_needs_no_quotes_in_the_settings(tmp_path, capsys):
         said = capsys.readouterr().err
         assert "n.yaml:5:" in said
         assert words in said
+
+
+@pytest.mark.parametrize(
+    ("designation", "place", "said"),
+    [
+        ("  designation: 2024 MK\n", ":5:16: ", "no observation of 2024 MK here"),
+        ("", ":3:1: ", "observations of 2 objects"),
+    ],
+)
+def test_an_object_that_is_not_told_is_asked_for_at_its_place_in_the_settings(
+    two_names, capsys, designation, place, said
+):
+    folder, _ = two_names
+    text = f"schema_version: 1\nname: both\nfit:\n  observations: [two.obs80]\n{designation}"
+    (folder / "untold.yaml").write_text(text, "utf-8")
+    assert main(["fit", str(folder / "untold.yaml"), "-o", str(folder / "untold")]) == 2
+    assert f"untold.yaml{place}fit.designation: {said}" in capsys.readouterr().err
+
+
+def test_an_object_of_many_without_an_orbit_is_named_once(two_names, tmp_path, capsys):
+    folder, _ = two_names
+    lines = (folder / "one.obs80").read_text("ascii").splitlines()
+    few = [line.replace("     K23D00W", "     lone001") for line in lines[:1]]
+    (tmp_path / "few.obs80").write_text("\n".join([*few, *lines]) + "\n", "ascii")
+    assert main(["fit", str(tmp_path / "few.obs80"), "--split", "-o", str(tmp_path / "run")]) == 1
+    assert any(line.startswith("lone001: no starting orbit") for line in capsys.readouterr().err.splitlines())
