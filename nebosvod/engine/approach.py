@@ -28,7 +28,7 @@ from nebosvod.timescale import SECONDS_PER_DAY, Epoch
 
 Array = npt.NDArray[np.float64]
 NEAR_S = 3.0 * SECONDS_PER_DAY  # from `near`: an encounter farther than this is another one
-KEPT = 8  # encounters of the last orbits: several predictions are about the same one
+KEPT = 4  # encounters kept, two bodies of two orbits: several predictions are about one; each keeps its orbit in memory
 SEARCHED_S = 366.0 * SECONDS_PER_DAY  # to either side, for the encounters that a row without an answer names
 
 

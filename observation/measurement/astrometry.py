@@ -4,14 +4,14 @@ Every H_* is the partial of (cos Dec dRA, dDec), the declination being the compu
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from nebosvod.borders.quantities import bordered
 from nebosvod.errors import InputError
-from nebosvod.observation.contracts import Array, Ephemeris, Rows, Trajectory
+from nebosvod.observation.contracts import Array, Ephemeris, Trajectory
 from nebosvod.observation.measurement import rows
 from nebosvod.observation.measurement.emission import Emission
 from nebosvod.observation.measurement.exposures import Exposures, reception_times, require_distinct, row_order, rows_of
@@ -75,16 +75,6 @@ class Observation:
     def H_c(self) -> Array:
         """Partials (n, 2, m) by the dynamic parameters."""
         return self.H[:, :, 6:]
-
-    def select(self, chosen: Rows) -> "Observation":
-        """These measurements alone (k,), of the telescopes that made any."""
-        used = np.unique(self.telescope_index[chosen])
-        return replace(
-            self,
-            telescopes=tuple(self.telescopes[number] for number in used),
-            telescope_index=np.searchsorted(used, self.telescope_index[chosen]),
-            **{name: getattr(self, name)[chosen] for name in ROW_FIELDS},
-        )
 
     def rows(self, telescopes: Sequence[str]) -> npt.NDArray[np.int64]:
         """Row numbers, in order, of the measurements made by the named telescopes.

@@ -227,10 +227,6 @@ class Sky:
             whitener=self.whitener[chosen],
         )
 
-    def counted_from(self, epoch: Epoch) -> "Sky":
-        """The same with times counted from another epoch."""
-        return replace(self, exposures=self.exposures.counted_from(epoch))
-
     def weighed(self, R: Array) -> "Sky":
         """The same with other weights (n, 2, 2)."""
         return replace(self, R=R, whitener=_whitener(R))

@@ -312,3 +312,17 @@ def test_forces_that_come_with_an_orbit_stay_when_another_orbit_is_found(made, t
     one, two = (np.array(state["state_km_km_s"]) for state in states)
     assert np.linalg.norm(np.linalg.solve(np.array(states[1]["factor_km_km_s"]), one - two)) < 1e-3
     assert states[0]["sigma_position_km"] == pytest.approx(states[1]["sigma_position_km"], rel=1e-6)
+
+
+def test_a_prior_covariance_needs_no_orbit_to_start_from(made, tmp_path):
+    """Its orbit is the one found; a covariance that says nothing changes nothing."""
+    text = made("  clock: 0 s\n  rejection: {enabled: false}\n", n=60, days=80.0).path.read_text("utf-8")
+    head, records = text[: text.index("object:")], text[text.index("fit:") :]
+    wide = [[1e18 if i == j < 3 else 1e6 if i == j else 0.0 for j in range(6)] for i in range(6)]
+    prior = f"prior: {{covariance: {wide}, names: [x, y, z, vx, vy, vz], epoch: 2023-03-01 TDB}}\n"
+    found = []
+    for name, more in (("with", prior), ("without", "")):
+        (tmp_path / f"{name}.yaml").write_text(head + more + records, "utf-8")
+        assert main(["fit", str(tmp_path / f"{name}.yaml"), "-o", str(tmp_path / name)]) == 0
+        found.append(json.loads((tmp_path / name / "summary.json").read_text("utf-8"))["orbit"])
+    assert found[0]["sigma_position_km"] == pytest.approx(found[1]["sigma_position_km"], rel=1e-6)
