@@ -115,6 +115,19 @@ def inverse(matrix: Array) -> Array:
     return out
 
 
+def chain_covariance(markov: Markov) -> Array:
+    """Dense covariance (r, r, q, q) of a chain between each two of its rows."""
+    count, _, q = markov.H.shape
+    P = np.zeros((count, count, q, q))
+    P[0, 0] = markov.P0
+    for i in range(1, count):
+        P[i, i] = markov.F[i] @ P[i - 1, i - 1] @ markov.F[i].T + markov.Q[i]
+        for j in range(i):
+            P[i, j] = markov.F[i] @ P[i - 1, j]
+            P[j, i] = P[i, j].T
+    return P
+
+
 def fresh_covariance(problem: LinearProblem, source: str) -> Array:
     """Dense (np, np) true covariance of a noise, white or time-correlated source."""
     n, p = problem.n, problem.p
@@ -131,14 +144,7 @@ def fresh_covariance(problem: LinearProblem, source: str) -> Array:
                 total[k, :, k, :] += white.H[i] @ Q[i] @ white.H[i].T
     for markov in problem.markov:
         if markov.name == source:
-            count, _, q = markov.H.shape
-            P = np.zeros((count, count, q, q))
-            P[0, 0] = markov.P0
-            for i in range(1, count):
-                P[i, i] = markov.F[i] @ P[i - 1, i - 1] @ markov.F[i].T + markov.Q[i]
-                for j in range(i):
-                    P[i, j] = markov.F[i] @ P[i - 1, j]
-                    P[j, i] = P[i, j].T
+            P = chain_covariance(markov)
             for i, k in enumerate(markov.rows):
                 for j, m in enumerate(markov.rows):
                     total[k, :, m, :] += markov.H[i] @ P[i, j] @ markov.H[j].T
@@ -240,6 +246,12 @@ def dense() -> Callable[[LinearProblem], Dense]:
 def dense_noise() -> Callable[[LinearProblem], Array]:
     """Dense assumed covariance of everything fresh."""
     return assumed_noise
+
+
+@pytest.fixture(scope="session")
+def dense_chain() -> Callable[[Markov], Array]:
+    """Dense covariance of a chain."""
+    return chain_covariance
 
 
 @pytest.fixture(scope="session")

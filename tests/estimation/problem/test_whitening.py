@@ -41,18 +41,11 @@ def test_two_correlated_nuisances_on_one_measurement_are_merged(make_problem, de
     np.testing.assert_allclose(forward @ dense_noise(problem) @ forward.T, np.eye(size), atol=1e-12)
 
 
-def test_the_share_of_a_correlated_nuisance_is_the_double_sum_in_one_pass(make_problem):
+def test_the_share_of_a_correlated_nuisance_is_the_double_sum_in_one_pass(make_problem, dense_chain):
     problem = make_problem(seed=1, z="markov", n=12)
     markov = problem.markov[0]
     gain = np.random.default_rng(0).normal(size=(12, 2, 5))
-    count, _, q = markov.H.shape
-    P = np.zeros((count, count, q, q))
-    P[0, 0] = markov.P0
-    for i in range(1, count):
-        P[i, i] = markov.F[i] @ P[i - 1, i - 1] @ markov.F[i].T + markov.Q[i]
-        for j in range(i):
-            P[i, j] = markov.F[i] @ P[i - 1, j]
-            P[j, i] = P[i, j].T
+    P, count = dense_chain(markov), len(markov.rows)
     y = [gain[k].T @ markov.H[i] for i, k in enumerate(markov.rows)]
     wanted = sum(y[i] @ P[i, j] @ y[j].T for i in range(count) for j in range(count))
     np.testing.assert_allclose(accumulated(markov, gain), wanted, rtol=1e-12, atol=1e-12)

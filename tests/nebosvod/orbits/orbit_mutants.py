@@ -10,9 +10,7 @@ import json
 import random
 import resource
 import shutil
-import signal
 import sys
-from collections import Counter
 from contextlib import suppress
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
@@ -38,8 +36,8 @@ def loaded(path: Path) -> Any:
 
 
 seeds, folders = loaded(HERE / "conftest.py"), loaded(HERE.parent / "results" / "folder_mutants.py")
+shared = loaded(HERE.parents[1] / "mutants.py")
 FILES, mutated_json = folders.FILES, folders.mutated_json
-LIMIT_BYTES, LIMIT_S = 1_000_000_000, 20
 WORDS = (
     "", "nan", "inf", "1e400", "-1e308", "1e-320", "0", "-0", "9" * 400, "x", "☄", "\x00", "\ufeff", "\u0661", "1d5",
     "1D+05", "'", "=", "a" * 3000, "\x1b[31m", "END_OF_HEADER", "format  = 'OEF1.1'", "refsys = EQUM J2000", "TDB",
@@ -47,15 +45,6 @@ WORDS = (
     "META_START", "META_STOP", "COVARIANCE_START", "COVARIANCE_STOP", "COV_REF_FRAME = RTN", "CENTER_NAME = EARTH",
     "TIME_SYSTEM = TT", "EPOCH = 9999-12-31T23:59:60", "1_0", "0x10", "\x0c", "\u2028",
 )  # fmt: skip
-
-
-class TooLong(BaseException):
-    """Raised by the alarm; nothing that catches Exception may swallow it."""
-
-
-def alarm(signum: int, frame: object) -> None:
-    """The time of a mutant is over."""
-    raise TooLong
 
 
 def mpc_orb() -> dict[str, Any]:
@@ -90,29 +79,8 @@ def oem() -> str:
 
 
 def change_text(rng: random.Random, text: str) -> bytes:
-    """Change words, lines and letters, and cut."""
-    for _ in range(rng.choice((1, 1, 1, 2, 4))):
-        lines = text.split("\n")
-        row = rng.randrange(len(lines))
-        what = rng.randrange(9)
-        if what == 0:
-            text = text[: rng.randrange(len(text) + 1)]
-            continue
-        if what == 1:
-            del lines[row]
-        elif what == 2:
-            lines.insert(rng.randrange(len(lines)), lines[row])
-        elif what == 3:
-            lines.insert(row, rng.choice(WORDS))
-        elif what == 4 and lines[row]:
-            i = rng.randrange(len(lines[row]))
-            lines[row] = lines[row][:i] + rng.choice((*WORDS, chr(rng.randrange(32, 0xD7FF)))) + lines[row][i + 1 :]
-        else:
-            words = lines[row].split(" ")
-            words[rng.randrange(len(words))] = rng.choice(WORDS)
-            lines[row] = " ".join(words)
-        text = "\n".join(lines)
-    data = bytearray(text.encode("utf-8", "surrogatepass"))
+    """Change words, lines and letters, cut, and turn a bit."""
+    data = bytearray(shared.change_text(rng, text, WORDS))
     if data and rng.random() < 0.1:
         data[rng.randrange(len(data))] ^= 1 << rng.randrange(8)
     return bytes(data)
@@ -163,23 +131,8 @@ def main(kind: str, scratch: str, first: str, count: str, folder: str = "") -> N
         path.write_text(text.get(kind, seeds.YR4), "utf-8")
     ephemeris = Ephemeris.load()
     assert tried(path, ephemeris) == "read", tried(path, ephemeris)
-    resource.setrlimit(resource.RLIMIT_DATA, (LIMIT_BYTES, LIMIT_BYTES))  # files that are only mapped do not count
-    signal.signal(signal.SIGPROF, alarm)
-    results: Counter[str] = Counter()
-    wrong: list[str] = []
-    for seed in range(int(first), int(first) + int(count)):
-        signal.setitimer(signal.ITIMER_PROF, LIMIT_S)
-        try:
-            result = tried(mutant(kind, seed, path, whole), ephemeris)
-        except TooLong:
-            result = f"longer than {LIMIT_S} s"
-        except Exception as error:  # noqa: BLE001 - whatever it is, the others go on
-            result = repr(error)
-        signal.setitimer(signal.ITIMER_PROF, 0)
-        results[result if result in ("read", "refused") else "wrong"] += 1
-        if result not in ("read", "refused"):
-            wrong.append(f"{kind} {seed}: {result[:400]}")
-    sys.stdout.write(json.dumps({"codes": results, "wrong": wrong}))
+    shared.limit(resource.RLIMIT_DATA)  # files that are only mapped do not count
+    shared.count_readings(kind, int(first), int(count), lambda seed: tried(mutant(kind, seed, path, whole), ephemeris))
 
 
 if __name__ == "__main__":

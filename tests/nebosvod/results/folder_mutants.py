@@ -10,9 +10,8 @@ import io
 import json
 import os
 import random
-import resource
+import runpy
 import shutil
-import signal
 import sys
 import warnings
 import zipfile
@@ -25,7 +24,7 @@ from typing import Any
 
 import numpy as np
 
-LIMIT_BYTES, LIMIT_S = 1_000_000_000, 20
+SHARED = runpy.run_path(str(Path(__file__).resolve().parents[2] / "mutants.py"))  # a script is in no package
 ODD: tuple[Any, ...] = (
     None, True, False, 0, 1, -1, 3, 1e308, -1e308, 1e-320, 2**62, 0.5, "", "x", "nan", "0", "☄", "\x1b[31m", "a" * 3000,
     "2029-04-13T00:00:00 TDB", "9999-12-31T00:00:00 TDB", "km", "converged", "b_plane", "sky", [], {}, [[]], [None],
@@ -35,10 +34,6 @@ WORDS = (
     "NaN", "Infinity", "-Infinity", "1e999", "9" * 400, "null", "{", "}", "[", "]", ",", ":", '"', "\\ud800", "\\u0000",
     "[" * 100_000, '{"a":' * 5000, "\x00", "\ufeff", "\\", "//", "1e-999", "-", "0x10", "true",
 )  # fmt: skip
-
-
-class TooLong(BaseException):
-    """Raised by the alarm; nothing that catches Exception may swallow it."""
 
 
 def places(value: Any, at: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
@@ -240,39 +235,30 @@ def read_campaign(seed: int, whole: Path, copy: Path) -> Iterator[tuple[str, int
         yield f"validate{' --overwrite' * overwrite}", code, said
 
 
-def alarm(signum: int, frame: object) -> None:
-    """The time of a mutant is over."""
-    raise TooLong
-
-
 def main(kind: str, folder: str, scratch: str, first: str, count: str) -> None:
     """Try `count` mutants from number `first` on."""
     whole, copy = Path(folder), Path(scratch) / "copy"
     shutil.rmtree(copy, ignore_errors=True)
     shutil.copytree(whole, copy)
     assert kind == "campaign" or answered(["report", str(copy)])[0] == 0
-    resource.setrlimit(resource.RLIMIT_AS, (LIMIT_BYTES, LIMIT_BYTES))
-    signal.signal(signal.SIGPROF, alarm)
-    signal.signal(signal.SIGALRM, alarm)
+    SHARED["limit"]()
     codes: Counter[str] = Counter()
     wrong: list[str] = []
+
+    def answers(seed: int) -> str:
+        tried = read_campaign(seed, whole, copy) if kind == "campaign" else read_run(kind, seed, whole, copy)
+        for command, code, said in tried:
+            codes[f"{command} {code}"] += 1
+            lines = said.splitlines()
+            named = code == 0 or (code in (2, 3) and lines[-1].startswith("error: "))
+            if not named or "Traceback" in said or "Warning" in said:
+                wrong.append(f"{kind} {seed}: {command}: {code}: {said[-600:]}")
+        return ""
+
     for seed in range(int(first), int(first) + int(count)):
-        signal.setitimer(signal.ITIMER_PROF, LIMIT_S)  # of its own time, however busy the machine is
-        signal.alarm(30 * LIMIT_S)
-        try:
-            tried = read_campaign(seed, whole, copy) if kind == "campaign" else read_run(kind, seed, whole, copy)
-            for command, code, said in tried:
-                codes[f"{command} {code}"] += 1
-                lines = said.splitlines()
-                named = code == 0 or (code in (2, 3) and lines[-1].startswith("error: "))
-                if not named or "Traceback" in said or "Warning" in said:
-                    wrong.append(f"{kind} {seed}: {command}: {code}: {said[-600:]}")
-        except TooLong:
-            wrong.append(f"{kind} {seed}: longer than {LIMIT_S} s")
-        except Exception as error:  # noqa: BLE001 - whatever it is, the others go on
-            wrong.append(f"{kind} {seed}: {error!r}")
-        signal.setitimer(signal.ITIMER_PROF, 0)
-        signal.alarm(0)
+        failed = SHARED["in_time"](lambda seed=seed: answers(seed))
+        if failed:
+            wrong.append(f"{kind} {seed}: {failed}")
     sys.stdout.write(json.dumps({"codes": codes, "wrong": wrong}))
 
 

@@ -7,13 +7,10 @@ with its name: of `DataError`, or of `CoverageError` for a time outside of it. T
 20 s. Prints one JSON object.
 """
 
-import json
 import random
-import resource
-import signal
+import runpy
 import struct
 import sys
-from collections import Counter
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -27,7 +24,7 @@ from nebosvod.errors import CoverageError, DataError
 from nebosvod.observation import read_oem, read_spk
 from nebosvod.timescale import Epoch
 
-LIMIT_BYTES, LIMIT_S = 1_000_000_000, 20
+SHARED = runpy.run_path(str(Path(__file__).resolve().parents[2] / "mutants.py"))  # a script is in no package
 DAY_S = 86400.0
 J2000 = Epoch.from_jd(2451545.0)
 TYPES = (1, 2, 3, 8, 9, 13, 21)
@@ -39,10 +36,6 @@ WORDS = (
     "INTERPOLATION_DEGREE = 1e30", "INTERPOLATION_DEGREE = nan", "INTERPOLATION = LINEAR", "\x00", "☄", "\u0661",
     "a" * 3000, "TOD", "CCSDS_OEM_VERS = 2.0", "1_0", "0x10", "+", "\x0c", "\u2028",
 )  # fmt: skip
-
-
-class TooLong(BaseException):
-    """Raised by the alarm; nothing that catches Exception may swallow it."""
 
 
 def states(count: int) -> "np.ndarray[Any, Any]":
@@ -146,29 +139,7 @@ def change_binary(rng: random.Random, data: bytes) -> bytes:
 
 def change_text(rng: random.Random, data: bytes) -> bytes:
     """Change words, lines and bytes."""
-    text = data.decode("utf-8")
-    for _ in range(rng.choice((1, 1, 1, 2, 4))):
-        lines = text.split("\n")
-        row = rng.randrange(len(lines))
-        what = rng.randrange(8)
-        if what == 0:
-            text = text[: rng.randrange(len(text) + 1)]
-            continue
-        if what == 1:
-            del lines[row]
-        elif what == 2:
-            lines.insert(rng.randrange(len(lines)), lines[row])
-        elif what == 3:
-            lines.insert(row, rng.choice(WORDS))
-        elif what == 4 and lines[row]:
-            i = rng.randrange(len(lines[row]))
-            lines[row] = lines[row][:i] + rng.choice((*WORDS, chr(rng.randrange(32, 0xD7FF)))) + lines[row][i + 1 :]
-        else:
-            words = lines[row].split(" ")
-            words[rng.randrange(len(words))] = rng.choice(WORDS)
-            lines[row] = " ".join(words)
-        text = "\n".join(lines)
-    changed = text.encode("utf-8", "surrogatepass")
+    changed: bytes = SHARED["change_text"](rng, data.decode("utf-8"), WORDS)
     return change_binary(rng, changed) if rng.random() < 0.1 else changed
 
 
@@ -193,11 +164,6 @@ def read_planets(path: Path) -> None:
     for body in ("earth", "sun", "moon", "jupiter"):
         for epoch in (first, J2000, last):
             planets.state_km_km_s(body, epoch, np.zeros(1))
-
-
-def alarm(signum: int, frame: object) -> None:
-    """The time of a mutant is over."""
-    raise TooLong
 
 
 def tried(kind: str, seed: int, path: Path, ephemeris: Ephemeris, whole: bytes) -> str:
@@ -225,26 +191,8 @@ def main(kind: str, scratch: str, first: str, count: str) -> None:
     for number in TYPES if kind == "spk" else (0,):
         path.write_bytes(spk(number) if kind == "spk" else whole)
         read_planets(path) if kind == "ephemeris" else read_orbit(kind, path, ephemeris)
-    resource.setrlimit(resource.RLIMIT_AS, (LIMIT_BYTES, LIMIT_BYTES))
-    signal.signal(signal.SIGPROF, alarm)
-    signal.signal(signal.SIGALRM, alarm)
-    results: Counter[str] = Counter()
-    wrong: list[str] = []
-    for seed in range(int(first), int(first) + int(count)):
-        signal.setitimer(signal.ITIMER_PROF, LIMIT_S)  # of its own time, however busy the machine is
-        signal.alarm(30 * LIMIT_S)
-        try:
-            result = tried(kind, seed, path, ephemeris, whole)
-        except TooLong:
-            result = f"longer than {LIMIT_S} s"
-        except Exception as error:  # noqa: BLE001 - whatever it is, the others go on
-            result = repr(error)
-        signal.setitimer(signal.ITIMER_PROF, 0)
-        signal.alarm(0)
-        results[result if result in ("read", "refused") else "wrong"] += 1
-        if result not in ("read", "refused"):
-            wrong.append(f"{kind} {seed}: {result[:400]}")
-    sys.stdout.write(json.dumps({"codes": results, "wrong": wrong}))
+    SHARED["limit"]()
+    SHARED["count_readings"](kind, int(first), int(count), lambda seed: tried(kind, seed, path, ephemeris, whole))
 
 
 if __name__ == "__main__":
