@@ -10,6 +10,7 @@ from nebosvod.estimation.accuracy import (
     addition,
     budget,
     consistency,
+    elasticity,
     ellipse,
     extended,
     guaranteed,
@@ -48,6 +49,19 @@ def score_of_what_was_left_out(units):
     assert found is not None
     told = [found.statistic, found.explained, found.scatter, found.significance, found.part(slice(0, 1))]
     return {"estimate": found.estimate / new, "covariance": found.covariance / np.outer(new, new), "told": told}
+
+
+@case("elasticity.probability_budget", "elasticity.ProbabilityBudget", "elasticity.Elasticity",
+      "elasticity.halving_weights")  # fmt: skip
+def budget_of_a_probability(units):
+    rng, sizes = np.random.default_rng(8), units.of(STATE)
+    plain = {"noise": rng.normal(size=(4, 4)), "bias": rng.normal(size=(4, 1))}
+    d = np.sum([rng.normal(size=(900, G.shape[1])) @ G.T for G in plain.values()], axis=0)
+    parts = {name: G * sizes[:, None] for name, G in plain.items()}
+    found = elasticity.probability_budget(d * sizes, d[:, 0] > 0.4, parts)
+    told = [(row.value, row.error, row.share, row.halved, row.halved_error) for row in found.rows]
+    assert found.line is not None
+    return {"rows": told, "line": found.line / sizes, "sigmas": found.sigmas, "hits": found.effective_hits}
 
 
 @case("refined.refine", "refined.NuisanceEstimate")
