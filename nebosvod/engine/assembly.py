@@ -18,10 +18,11 @@ import numpy.typing as npt
 from nebosvod.borders.treatment import Treatment
 from nebosvod.estimation import Block, LinearProblem, Markov, Prior, White
 from nebosvod.mission import Estimator
-from nebosvod.observation import Common, Observation, Term, residual
+from nebosvod.observation import Common, Nuisance, Observation, Term, residual
 from nebosvod.observation import Markov as MarkovTerm
 from nebosvod.observation.measurement.astrometry import compute
 from nebosvod.observation.measurement.direction import offset
+from nebosvod.scene.image import at_radius, moved_by_radius
 from nebosvod.scene.point import Point, View
 from nebosvod.scene.prior import STATE_NAMES, PriorTable
 from nebosvod.scene.scene import Scene
@@ -37,12 +38,13 @@ def nominal_view(scene: Scene, near: Array | None = None, *, simulates: bool = T
     near, simulates : as of `view`.
     """
     observation = compute(scene.trajectory, scene.exposures, near, simulates=simulates)
-    terms = _terms(scene, observation)
+    values = dict(zip(scene.forces.parameters, scene.forces.values.tolist()))
+    terms = _terms(scene, scene.nuisances, observation)
     means = {
         name: float(value) for term in terms if isinstance(term, Common) for name, value in zip(term.names, term.mean)
     }
-    values = dict(zip(scene.forces.parameters, scene.forces.values.tolist()))
     point = Point(state=scene.state, parameters=values, nuisances=means)
+    observation = moved_by_radius(scene, point, observation, terms)
     return View(point=point, trajectory=scene.trajectory, observation=observation, terms=terms)
 
 
@@ -57,7 +59,9 @@ def view(scene: Scene, point: Point, near: Array | None = None, *, simulates: bo
     """
     trajectory = scene.propagate(point.state, scene.forces.with_values(point.parameters))
     observation = compute(trajectory, scene.exposures, near, simulates=simulates)
-    return View(point=point, trajectory=trajectory, observation=observation, terms=_terms(scene, observation))
+    terms = _terms(scene, at_radius(scene, point), observation)
+    observation = moved_by_radius(scene, point, observation, terms)
+    return View(point=point, trajectory=trajectory, observation=observation, terms=terms)
 
 
 def computed_psi(seen: View) -> Array:
@@ -141,8 +145,8 @@ def mean_errors(scene: Scene, estimator: Estimator, terms: Sequence[Term]) -> di
     return found
 
 
-def _terms(scene: Scene, observation: Observation) -> tuple[Term, ...]:
-    return tuple(nuisance.term(observation, scene.ephemeris) for nuisance in scene.nuisances)
+def _terms(scene: Scene, nuisances: Sequence[Nuisance], observation: Observation) -> tuple[Term, ...]:
+    return tuple(nuisance.term(observation, scene.ephemeris) for nuisance in nuisances)
 
 
 def _typical_sizes(scene: Scene) -> dict[str, float]:
