@@ -31,7 +31,7 @@ class Fates:
     body : (k,) what it hits or comes near to; "" where it hits nothing and no encounter was asked about or found.
     impact : (k,) whether it comes down to the surface: of the Earth the ellipsoid of WGS 84, of another body a sphere.
     t_s : (k,) when it comes to the surface, or its closest approach, TDB seconds after the epoch; nan without a body.
-    position_km : (k, 3) where then, from the centre of the body, ICRF.
+    position_km, velocity_km_s : (k, 3) where then and how fast, from the centre of the body, ICRF.
     distance_km : (k,) how far from that centre.
     """
 
@@ -39,6 +39,7 @@ class Fates:
     impact: npt.NDArray[np.bool_]
     t_s: Array
     position_km: Array
+    velocity_km_s: Array
     distance_km: Array
 
     @classmethod
@@ -49,13 +50,15 @@ class Fates:
             impact=np.zeros(count, dtype=np.bool_),
             t_s=np.full(count, np.nan),
             position_km=np.full((count, 3), np.nan),
+            velocity_km_s=np.full((count, 3), np.nan),
             distance_km=np.full(count, np.nan),
         )
 
-    def set(self, k: int, body: str, impact: bool, t_s: float, position_km: Array) -> None:
-        """Write the fate of one clone."""
-        self.body[k], self.impact[k], self.t_s[k], self.position_km[k] = body, impact, t_s, position_km
-        self.distance_km[k] = np.linalg.norm(position_km)
+    def set(self, k: int, body: str, impact: bool, t_s: float, state: Array) -> None:
+        """Write the fate of one clone, with its state (6,) from the centre of the body."""
+        self.body[k], self.impact[k], self.t_s[k] = body, impact, t_s
+        self.position_km[k], self.velocity_km_s[k] = state[:3], state[3:]
+        self.distance_km[k] = np.linalg.norm(state[:3])
 
 
 def window_of(middle: Trajectory, body: str | None) -> Array:
@@ -97,6 +100,7 @@ def passages(
     fates.body[told], fates.impact[told] = body, False
     fates.t_s[told], fates.distance_km[told] = (times[nearest] - late)[told], lowest[told]
     fates.position_km[told] = (toward * (lowest / e)[:, None])[told]
+    fates.velocity_km_s[told] = (np.cross(h, toward) / (e * lowest)[:, None])[told]  # h = r x v, at right angles
     untold: npt.NDArray[np.bool_] = ~told
     return untold
 
@@ -111,9 +115,9 @@ def passage(k: int, orbit: Trajectory, body: str | None, about_s: float, offset_
     events = find_encounters(orbit, body) if body is not None else ()
     if body is not None and events:
         event = min(events, key=lambda event: abs(event.t_s + offset_s - about_s))
-        fates.set(k, body, False, event.t_s + offset_s, event.state[:3])
+        fates.set(k, body, False, event.t_s + offset_s, event.state)
 
 
 def arrival_of(k: int, orbit: Trajectory, body: str, t_s: float, offset_s: float, fates: Fates) -> None:
     """The impact of one clone, whose orbit reaches the time of it."""
-    fates.set(k, body, True, t_s + offset_s, relative_state(orbit, body)(np.array([t_s]))[0, :3])
+    fates.set(k, body, True, t_s + offset_s, relative_state(orbit, body)(np.array([t_s]))[0])

@@ -43,6 +43,7 @@ VERBS = {
     "missions": "List the built-in missions.",
     "plan": "Find what to measure next for a prediction.",
     "report": "Make the report of a run again.",
+    "risk": "How probable it is that an orbit hits.",
     "run": "Run a mission; write its folder and report.",
     "schema": "Print the JSON Schema of the mission file.",
     "validate": "Simulate many times: can the sigmas be believed?",
@@ -93,6 +94,7 @@ def app() -> None:
         nebosvod ephemeris ORBIT ...      where it is seen, and how well that is known
         nebosvod elements ORBIT           its elements at a date, with sigmas
         nebosvod approaches ORBIT ...     what it comes near to, and how near
+        nebosvod risk ORBIT --until DATE  how probable it is that it hits
 
     Exit codes: 0 done, 1 finished but not trustworthy (not observable, not converged, nothing visible),
     2 wrong input, 3 missing data, disk or permission, 4 internal error, 130 interrupted.

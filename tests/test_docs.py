@@ -39,6 +39,7 @@ COMMANDS = (
     "init",
     "missions",
     "report",
+    "risk",
     "schema",
     "validate",
     "plan",

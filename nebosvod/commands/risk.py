@@ -1,0 +1,64 @@
+"""`nebosvod risk`: whether an orbit may hit the Earth or the Moon, and how probable that is."""
+
+from pathlib import Path
+
+import click
+
+from nebosvod.errors import InputError
+
+
+@click.command()
+@click.argument("orbit")
+@click.option("--until", required=True, help="Last date, UTC.")
+@click.option("--bodies", default="earth,moon", show_default=True, help="What may be hit: planets and moon, by commas.")
+@click.option("--on", help="From when the years of the Palermo scale count, UTC; the epoch of the orbit by default.")
+@click.option("--draws", default=10_000, show_default=True, help="Orbits of the plain sampling.")
+@click.option("--seed", default=1, show_default=True, help="Of the random draws.")
+@click.option("-o", "--output", type=click.Path(path_type=Path), help="Also write a folder: JSON, draws, a page.")
+@click.option("--overwrite", is_flag=True, help="Replace an earlier answer in the same folder.")
+@click.option("--json", "as_json", is_flag=True, help="Print it as JSON, and nothing else, on stdout.")
+def risk(
+    orbit: str, until: str, bodies: str, on: str | None, draws: int, seed: int, output: Path | None, overwrite: bool,
+    as_json: bool,
+) -> int:  # fmt: skip
+    """How probable it is that ORBIT hits, by several ways, for each virtual impactor.
+
+    ORBIT has a covariance: the folder of a fit or a run, a mission, SBDB JSON (cov=mat), .ke0 .ke1 .eq0 .fel,
+    mpc_orb.json, or an OEM.
+
+    \b
+    Example:  nebosvod risk 2024YR4.ke0 --until 2033-01-01 -o yr4-risk
+    """
+    import time
+
+    from nebosvod.commands.progress import stages
+    from nebosvod.commands.risk_answer import asked_bodies, asked_date, print_risk
+    from nebosvod.dynamics import Ephemeris
+    from nebosvod.impacts.risk import risk as search
+    from nebosvod.results.result import json_text
+    from nebosvod.results.risk_folder import risk_result, summarise
+    from nebosvod.scene.orbit import read_orbit
+
+    started = time.time()
+    last, targets = asked_date("until", until), asked_bodies(bodies)
+    since = None if on is None else asked_date("on", on)
+    if not 1 <= draws <= 10_000_000:
+        raise InputError(f"--draws: {draws} (allowed: 1 to 10000000)")
+    if seed < 0:
+        raise InputError(f"--seed: {seed} (allowed: 0 or more)")
+    given, ephemeris = read_orbit(orbit), Ephemeris.load()
+    with stages() as progress:
+        progress("flying the drawn orbits")
+        found = search(given, last, ephemeris, bodies=targets, on=since, draws=draws, seed=seed)
+        summary = summarise(given, found, targets, seed)
+        if output is not None:
+            from nebosvod.report.pages import report_text
+            from nebosvod.results.result import OwnedFolder
+
+            with OwnedFolder(output, report_text, overwrite=overwrite) as target:
+                target.publish(risk_result(summary, found, ephemeris, orbit, started))
+    if as_json:
+        click.echo(json_text(summary), nl=False)
+    else:
+        print_risk(summary, output)
+    return 0

@@ -1,0 +1,29 @@
+"""Intervals of a probability: of counted hits, of weighted ones, and the bound where there is none."""
+
+import numpy as np
+import numpy.typing as npt
+from scipy.special import betaincinv
+
+Array = npt.NDArray[np.float64]
+LEVEL = 0.95
+
+
+def of_count(hits: int, draws: int, level: float = LEVEL) -> tuple[float, float]:
+    """Interval of a probability from hits among plain draws; without a hit from 0 to the one-sided bound, 3/N at 95 %.
+
+    References
+    ----------
+    Clopper, Pearson 1934, Biometrika 26, 404.
+    """
+    if hits == 0:
+        return 0.0, float(1.0 - (1.0 - level) ** (1.0 / draws))
+    tail = 0.5 * (1.0 - level)
+    low = float(betaincinv(hits, draws - hits + 1, tail))
+    high = float(betaincinv(hits + 1, draws - hits, 1.0 - tail)) if hits < draws else 1.0
+    return low, high
+
+
+def effective(weights: Array) -> float:
+    """How many draws of equal weight tell as much: (sum w)^2 / sum w^2."""
+    total = float(np.sum(weights**2))
+    return float(np.sum(weights)) ** 2 / total if total > 0.0 else 0.0

@@ -1,0 +1,81 @@
+"""How much an impact matters: energy, the Palermo scale, and the Torino scale.
+
+Diameter from H with the mean albedo of near-Earth objects, mass with a mean density, as the impact lists do.
+"""
+
+import numpy as np
+
+DIAMETER_KM_AT_H0 = 1329.0
+ALBEDO = 0.154
+DENSITY_KG_M3 = 2600.0
+JOULE_PER_MT = 4.184e15
+BACKGROUND_PER_YEAR = 0.03  # impacts of an energy of 1 Mt and more
+TORINO_YEARS = 100.0
+
+
+def diameter_km(H: float, albedo: float = ALBEDO) -> float:
+    """Diameter by the absolute magnitude."""
+    return float(DIAMETER_KM_AT_H0 / np.sqrt(albedo) * 10.0 ** (-0.2 * H))
+
+
+def energy_mt(diameter: float, speed_km_s: float, density_kg_m3: float = DENSITY_KG_M3) -> float:
+    """Kinetic energy of a sphere, Mt of TNT."""
+    mass_kg = density_kg_m3 * np.pi / 6.0 * (1e3 * diameter) ** 3
+    return float(0.5 * mass_kg * (1e3 * speed_km_s) ** 2 / JOULE_PER_MT)
+
+
+def palermo(probability: float, energy: float, years: float) -> float | None:
+    """Palermo scale: log10 of the risk over that of all other impacts of the same energy until then.
+
+    Parameters
+    ----------
+    energy : Mt of TNT.
+    years : until the impact.
+
+    References
+    ----------
+    Chesley, Chodas, Milani, Valsecchi, Yeomans 2002, Icarus 159, 423, equations 1 to 3.
+    """
+    if probability <= 0.0 or energy <= 0.0 or years <= 0.0:
+        return None
+    return float(np.log10(probability / (BACKGROUND_PER_YEAR * energy**-0.8 * years)))
+
+
+def cumulative(values: list[float]) -> float | None:
+    """Palermo scale of several impacts together."""
+    return float(np.log10(np.sum(10.0 ** np.array(values)))) if values else None
+
+
+def torino(probability: float, energy: float, years: float) -> int | None:
+    """Torino scale, 0 to 10; None more than 100 years ahead.
+
+    Parameters
+    ----------
+    energy : Mt of TNT.
+
+    Notes
+    -----
+    The scale is a diagram without equations. Probabilities of 1 % and 99 % and energies of 1, 100 and 1e5 Mt divide it;
+    of the slanting lines that between 4 and 5 joins (1 %, 1e5 Mt) and (100 %, 100 Mt), those of 1|2 and 6|7 are
+    parallel; below P E^0.8 = 2e-3 it is 0. These agree with what was published of 2004 MN4 (4, 2, later 1 and 0), 2011
+    AG5, 2007 VK184, 2013 TV135, 2023 DW (all 1), 2024 YR4 (3) and 2010 RF12 (0).
+
+    References
+    ----------
+    Binzel 2000, Planetary and Space Science 48, 297; Morrison et al. 2004, in Mitigation of Hazardous
+    Comets and Asteroids, 353.
+    """
+    if years > TORINO_YEARS:
+        return None
+    slant = energy * probability**1.5
+    if energy < 1.0 or probability * energy**0.8 < 2e-3:
+        return 0
+    if probability >= 0.99:
+        return 8 if energy < 100.0 else 9 if energy < 1e5 else 10
+    if probability < 0.01:
+        return 1 if slant < 0.1 else 2
+    if energy < 100.0:
+        return 3
+    if energy < 1e5:
+        return 4 if slant < 100.0 else 5
+    return 6 if slant < 1e5 else 7
