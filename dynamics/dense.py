@@ -61,9 +61,13 @@ class StepTable:
 
 
 def join(
-    backward: Steps | None, forward: Steps | None, window: Window, count: int, nodes: list[Array] | None = None
-) -> StepTable:
-    """Put the steps of a backward and a forward integration from t = 0 into one ascending table."""
+    backward: Steps | None, forward: Steps | None, window: Window, count: int, low_s: float,
+    nodes: list[Array] | None = None,
+) -> StepTable:  # fmt: skip
+    """Put the steps of a backward and a forward integration from t = 0 into one ascending table.
+
+    Without a backward one, the first step reaches back to `low_s`.
+    """
     first = NO_STEPS if backward is None else backward
     behind = len(first.start)
     if not behind and forward is not None:
@@ -76,6 +80,8 @@ def join(
     edges[:-1] = merged.start
     if behind:
         edges[:behind] += merged.length[:behind]  # a backward step ends at its lower edge
+    else:
+        edges[0] = low_s
     edges[-1] = merged.start.item(-1) + max(merged.length.item(-1), 0.0)
     return StepTable(
         edges=edges,

@@ -276,7 +276,8 @@ def integrate(
             status = TOO_MANY_STEPS
         elif status == FULL:
             steps = enlarged(steps, count, most)
-    return status, first_steps(steps, 0 if len(samples.tide) else int(clock[3]))
+    taken = 0 if len(samples.tide) else int(clock[3])
+    return status, steps if taken == len(steps.start) else first_steps(steps, taken)
 
 
 def is_compiled_cache_present() -> bool:

@@ -20,6 +20,7 @@ from nebosvod.timescale import Epoch
 Array = npt.NDArray[np.float64]
 TOLERANCE, TIGHTEST, LOOSEST = 1e-10, 1e-16, 1e-3
 NO_GUIDES = ((NO_STEPS, NO_NODES),) * 2
+SLIGHTLY = 8.0  # a margin of so small a part of a step is the step's own
 OWN_TIDE = 1e-10  # s^-2: GM/r^3 at ten radii of an asteroid of 0.4 g/cm^3
 
 
@@ -77,6 +78,7 @@ def propagate(
         raise InputError(f"most_steps: needs a number from 1 to {integrator.MOST_STEPS} (got {most_steps})")
     if not TIGHTEST <= tolerance <= LOOSEST:
         raise InputError(f"tolerance: needs a number from {TIGHTEST} to {LOOSEST} (got {tolerance})")
+    ahead = low >= 0.0  # before the epoch nothing but the margin
     low, high, window, sun, physics = arc_of(forces, epoch, min(0.0, low), max(0.0, high), margin_s)
     barycentric = start[None] + sun
     if solid:
@@ -87,8 +89,8 @@ def propagate(
     guides = _guides(grid, epoch, (low, high), forces, physics)
     legs: list[Steps | None] = [None, None]
     left = most_steps
-    for leg, end_s in enumerate((low, high)):
-        if end_s != 0.0:
+    for leg, end_s in ((1, high), (0, low)) if ahead else ((0, low), (1, high)):
+        if end_s != 0.0 and not (leg == 0 and ahead and _reaches_back(legs[1], low)):
             fixed = (
                 8, barycentric, physics.strength[None], end_s, window.coefficients, window.layout, window.timing,
                 physics, columns, sensitivities, float(tolerance),
@@ -107,15 +109,20 @@ def propagate(
                 )  # fmt: skip
             if status != integrator.OK:
                 if len(steps.start) and solid:
-                    stub = join(legs[0], legs[1], window, 6 + len(columns) if sensitivities else 0)
+                    stub = join(legs[0], legs[1], window, 6 + len(columns) if sensitivities else 0, low)
                     require_no_impact(make_trajectory(epoch, np.zeros(1), forces, stub, chain, False), stub.steps.tide)
                 raise _unfinished(status, forces, epoch, steps, end_s, barycentric[0, :3], tolerance, most_steps)
     nodes = grid._table.nodes if grid is not None and guides is not NO_GUIDES else None
-    table = join(legs[0], legs[1], window, 6 + len(columns) if sensitivities else 0, nodes)
+    table = join(legs[0], legs[1], window, 6 + len(columns) if sensitivities else 0, low, nodes)
     trajectory = make_trajectory(epoch, times, forces, table, chain, sensitivities)
     if solid:
         require_no_impact(trajectory, table.steps.tide)
     return trajectory
+
+
+def _reaches_back(forward: Steps | None, low_s: float) -> bool:
+    """Whether the first forward step reaches back over the margin: its polynomial is good to 0.1 mm just outside."""
+    return forward is not None and len(forward.start) > 0 and forward.length.item(0) >= SLIGHTLY * -low_s
 
 
 def _guides(

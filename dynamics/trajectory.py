@@ -29,38 +29,59 @@ class Trajectory:
     sensitivities : whether Phi and zeta were integrated; asking for them otherwise raises InputError.
     parameter_names : names of the columns of zeta.
     forces : the model behind it.
+
+    Notes
+    -----
+    State, Phi and zeta at `t_s` are evaluated when one of them is first asked for: an orbit in an iteration is looked
+    at elsewhere.
     """
 
     epoch: Epoch
     t_s: Array
-    state: Array
     parameter_names: tuple[str, ...]
     forces: ForceModel
     sensitivities: bool
-    _partials: tuple[Array, ...] = field(repr=False)
     _table: StepTable = field(repr=False)
     _chain: Array = field(repr=False)
+    _evaluated: list[tuple[Array, ...]] = field(default_factory=list, repr=False)
 
     def __post_init__(self) -> None:
-        for array in (self.t_s, self.state, *self._partials):
-            array.setflags(write=False)
+        self.t_s.setflags(write=False)
+
+    @property
+    def state(self) -> Array:
+        """Heliocentric states, shape (n, 6), km, km/s."""
+        return self._at_times()[0]
 
     @property
     def Phi(self) -> Array:
         """Transition matrices from the epoch, shape (n, 6, 6)."""
-        return self._sensitivity(0)
+        self._require_sensitivities()
+        return self._at_times()[1]
 
     @property
     def zeta(self) -> Array:
         """Sensitivities to the parameters, shape (n, 6, m)."""
-        return self._sensitivity(1)
+        self._require_sensitivities()
+        return self._at_times()[2]
 
-    def _sensitivity(self, which: int) -> Array:
+    def _at_times(self) -> tuple[Array, ...]:
+        """State, and with sensitivities Phi and zeta, at `t_s`; kept."""
+        if not self._evaluated:
+            state, partials = self._table.evaluate(self.t_s, variations=self.sensitivities)
+            found: tuple[Array, ...] = (state,)
+            if self.sensitivities:
+                found = (state, np.ascontiguousarray(partials[:, :, :6]), partials[:, :, 6:] @ self._chain)
+            for array in found:
+                array.setflags(write=False)
+            self._evaluated[:] = [found]  # at once: another thread may be here as well
+        return self._evaluated[0]
+
+    def _require_sensitivities(self) -> None:
         if not self.sensitivities:
             raise InputError(
                 "this trajectory was propagated without sensitivities; use propagate(..., sensitivities=True)"
             )
-        return self._partials[which]
 
     @property
     def span_s(self) -> tuple[float, float]:
@@ -106,7 +127,7 @@ class Trajectory:
         InputError, CoverageError
             Without sensitivities; if a time lies outside `span_s`.
         """
-        self._sensitivity(0)
+        self._require_sensitivities()
         return self._table.evaluate(_inside(t_s, self._table), variations=True)
 
     def to_spk(self, path: str | Path, target: int, name: str = "nebosvod") -> int:
@@ -130,17 +151,11 @@ class Trajectory:
 def make_trajectory(
     epoch: Epoch, t_s: Array, forces: ForceModel, table: StepTable, chain: Array, sensitivities: bool
 ) -> Trajectory:
-    """Evaluate a table of steps at `t_s` (n,) inside it and wrap it up, times and all.
-
-    `chain` (q, m) maps the columns of the kernel to parameters.
-    """
-    state, partials = table.evaluate(t_s, variations=sensitivities)
+    """A table of steps at `t_s` (n,) inside it, wrapped up; `chain` (q, m) maps columns of the kernel to parameters."""
     return Trajectory(
         epoch=epoch,
         t_s=t_s,
-        state=state,
         sensitivities=sensitivities,
-        _partials=(np.ascontiguousarray(partials[:, :, :6]), partials[:, :, 6:] @ chain) if sensitivities else (),
         parameter_names=forces.parameters if sensitivities else (),
         forces=forces,
         _table=table,

@@ -53,8 +53,8 @@ class Layup:
         """Observations and the first guess in its own form; returns the fit."""
         observed = []
         for row in range(len(sky)):
-            place = sky.observer[row] / AU_D_KM_S
-            jd = EPOCH.jd_tdb + float(sky.t_s[row]) / SECONDS_PER_DAY
+            place = sky.exposures.observer[row] / AU_D_KM_S
+            jd = EPOCH.jd_tdb + float(sky.exposures.t_s[row]) / SECONDS_PER_DAY
             ra, dec = sky.observed[row].tolist()
             one = self.routines.Observation.from_astrometry(ra, dec, jd, place[:3].tolist(), place[3:].tolist())
             one.ra_unc = one.dec_unc = SIGMA_RAD

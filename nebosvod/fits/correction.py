@@ -1,9 +1,10 @@
 """Differential correction: damped Gauss-Newton of state and dynamic parameters, white noise, arrays only.
 
 The cheap inner loop of a fit. Each iteration is one propagation, which re-uses steps and ephemeris nodes of the last
-one, one pass over all observations, and one QR of the whitened rows; the step is halved until the cost drops.
+one, one pass over all observations, and one reduction of the whitened rows; the step is halved until the cost drops.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +15,7 @@ from nebosvod.dynamics.impact import fly
 from nebosvod.errors import CoverageError, EventError, InputError
 from nebosvod.estimation import Status
 from nebosvod.estimation.problem.descent import Step, Trial, descend
+from nebosvod.estimation.problem.reduction import reduced, solved
 from nebosvod.estimation.problem.square_root import Conditioning, append_rows, conditioning, solve_upper
 from nebosvod.observation import Observation
 from nebosvod.observation.measurement.astrometry import compute
@@ -26,7 +28,6 @@ TOLERANCE = 1e-3  # of a sigma, root mean square over the parameters: what is le
 # 3e-12 rad, and with residuals of 70 sigma the cost 4e-9 of itself (2024 BX1, all outliers kept)
 ROUND_OFF = 1e-8
 LIMIT = 30
-CHUNK = 448  # rows reduced at a time: LAPACK wakes all threads for more than about 500
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -81,13 +82,13 @@ class Correction:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Point:
-    """One linearisation: x, the orbit through it, its look at the sky, and its cost."""
+    """One linearisation: x, the orbit through it, its look at the sky, its rows as a triangle [R | z], and its cost."""
 
     x: Array
     trajectory: Trajectory
     seen: Observation
     residual: Array
-    rows: Array
+    triangle: Array
     cost: float
 
 
@@ -120,16 +121,16 @@ def correct(
     chosen = np.ones(len(sky), dtype=bool) if selected is None else selected
     start = _at(sky, x, forces, chosen, prior, near)
 
-    def attempt(point: Point, step: Step[Reduced], fraction: float) -> Trial[Point] | None:
+    def attempt(point: Point, step: Step[Array], fraction: float) -> Trial[Point] | None:
         try:
-            trial = _at(sky, point.x + fraction * step.what.step, forces, chosen, prior, point)
+            trial = _at(sky, point.x + fraction * step.what, forces, chosen, prior, point)
         except (EventError, CoverageError, InputError):
             return None  # an orbit that cannot be propagated has no cost
         return Trial(point=trial, cost=trial.cost, own_cost=trial.cost)
 
     ended = descend(start, start.cost, _solved, attempt, tolerance=tolerance, limit=limit, round_off=ROUND_OFF)
-    point, triangle, status = ended.point, ended.step.what.triangle, ended.status
-    R = triangle[: len(x), : len(x)]
+    point, status = ended.point, ended.status
+    R = point.triangle[: len(x), : len(x)]
     condition = conditioning(R)
     if status is not Status.NOT_OBSERVABLE and not condition.observable:
         status = Status.NOT_OBSERVABLE
@@ -150,7 +151,7 @@ def correct(
 def _at(
     sky: Sky, x: Array, forces: ForceModel, chosen: Flags, prior: Knowledge | None, near: Correction | Point | None
 ) -> Point:
-    """Propagate, look, and whiten the rows [H | v] of the chosen observations and of the prior."""
+    """Propagate, look, and reduce the whitened rows [H | v] of the chosen observations and of the prior."""
     if near is not None and np.array_equal(x, near.x):  # only weights and selection are others
         trajectory, seen = near.trajectory, near.seen
     else:
@@ -159,39 +160,17 @@ def _at(
         trajectory = fly(x[:6], sky.epoch, sky.span_s, model, grid)
         seen = compute(trajectory, sky.exposures, tau)
     off = sky.residual(seen.psi)
-    size = len(x)
-    rows = np.empty((len(sky), 2, size + 1))
-    rows[:, :, :size] = seen.H
-    rows[:, :, size] = off
-    W = sky.whitener
-    rows[:, 1] = W[:, 1, 0, None] * rows[:, 0] + W[:, 1, 1, None] * rows[:, 1]
-    rows[:, 0] *= W[:, 0, 0, None]
-    flat = (rows if chosen.all() else rows[chosen]).reshape(-1, size + 1)
-    if prior is not None:
-        flat = np.vstack([prior.rows(x), flat])
+    known = np.zeros((0, len(x) + 1)) if prior is None else prior.rows(x)
+    start = append_rows(np.zeros((0, len(x) + 1)), known) if len(known) else known
+    triangle, cost = reduced(seen.H, off, sky.whitener, chosen, start)
     return Point(
-        x=x, trajectory=trajectory, seen=seen, residual=off, rows=flat, cost=float(flat[:, size] @ flat[:, size])
-    )
+        x=x, trajectory=trajectory, seen=seen, residual=off, triangle=triangle,
+        cost=cost + float(known[:, -1] @ known[:, -1]),
+    )  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Reduced:
-    """The triangle [R | z] of the rows of a point, and the full step (6 + m,), zero where they do not determine it."""
-
-    triangle: Array
-    step: Array
-
-
-def _solved(point: Point, cost: float) -> Step[Reduced]:
-    """The full step from a point; without a length where its rows do not determine it."""
-    size = len(point.x)
-    triangle = append_rows(np.zeros((0, size + 1)), point.rows, CHUNK)
-    if len(triangle) < size + 1:
-        triangle = np.vstack([triangle, np.zeros((size + 1 - len(triangle), size + 1))])
-    R, z = triangle[:size, :size], triangle[:size, size]
-    diagonal = np.abs(np.diag(R))
-    if not (diagonal > 1e-13 * np.linalg.norm(R, axis=0)).all():
-        return Step(what=Reduced(triangle=triangle, step=np.zeros(size)), length=np.nan, promised=0.0)
+def _solved(point: Point, cost: float) -> Step[Array]:
+    """The full step (6 + m,) from a point; without a length where its rows do not determine it."""
+    step, length = solved(point.triangle, 1e-13)
     # |R step| = |z|: the step in sigmas, and what its cost loses
-    what = Reduced(triangle=triangle, step=solve_upper(R, z))
-    return Step(what=what, length=float(np.linalg.norm(z)) / np.sqrt(size), promised=float(z @ z))
+    return Step(what=step, length=length / math.sqrt(len(step)), promised=0.0 if math.isnan(length) else length**2)

@@ -36,6 +36,36 @@ def test_between_the_steps_it_is_as_good_as_an_integration_that_ends_there(arc: 
         assert (gap <= 1e-9 * np.abs(arc.zeta[1] * WEIGHT[:, None]).max(axis=0)).all()
 
 
+@pytest.mark.parametrize("start_km", [(-83626000.0, 128056000.0, 45477000.0), (-133626000.0, 28056000.0, 15477000.0)])
+def test_before_the_epoch_the_first_step_reaches_back_over_a_margin(
+    full_forces: ForceModel, start_km: tuple[float, ...]
+) -> None:
+    """0.1 mm, 1e-8 mm/s: the same six hours integrated backward, for the same orbit as one that needs them."""
+    start, epoch = np.array([*start_km, -23.93, -10.4, -4.47]), Epoch.parse("2025-03-01T00:00:00 TDB")
+    ahead = propagate(start, epoch, [0.0, 300 * DAY_S], full_forces)
+    assert ahead.span_s[0] == -21600.0
+    assert len(ahead.step_edges_s) == len(
+        propagate(start, epoch, [300 * DAY_S], full_forces, margin_s=0.0).step_edges_s
+    )
+    times = np.linspace(-21600.0, -1.0, 7)
+    back = propagate(start, epoch, times, full_forces, margin_s=0.0)
+    state, partials = ahead.variations_at(times)
+    assert np.abs(state - back.state)[:, :3].max() < 1e-7
+    assert np.abs(state - back.state)[:, 3:].max() < 1e-11
+    error = np.abs((partials[:, :, :6] - back.Phi) * WEIGHT[:, None] / WEIGHT).max()
+    assert error < 1e-9 * np.abs(back.Phi * WEIGHT[:, None] / WEIGHT).max()
+
+
+def test_before_an_epoch_of_short_steps_the_margin_is_integrated(full_forces: ForceModel) -> None:
+    """1 cm: an orbit 60,000 km from the Earth at its epoch, whose steps are hours, six hours before it."""
+    epoch = Epoch.parse("2025-03-01T00:00:00 TDB")
+    earth = full_forces.ephemeris.state_km_km_s("earth", epoch, np.zeros(1))[0] - full_forces.ephemeris.sun_at(epoch)
+    start = earth + np.array([60000.0, 0.0, 0.0, 3.0, 5.0, 1.0])
+    ahead = propagate(start, epoch, [0.0, 30 * DAY_S], full_forces)
+    back = propagate(start, epoch, [-21600.0], full_forces, margin_s=0.0)
+    assert np.abs(ahead.state_at([-21600.0])[0] - back.state[0])[:3].max() < 1e-5
+
+
 def test_it_is_continuous_over_the_edges_of_steps(arc: Trajectory) -> None:
     """1e-5 km: rounding of 1e8 km, over 1 ms of motion."""
     edges = arc.step_edges_s[1:-1]
