@@ -158,3 +158,9 @@ class OutputError(NebosvodError):
     """A result cannot be written: disk, permission, or a run folder that is in use or exists."""
 
     exit_code = 3
+
+
+class WorkerError(NebosvodError):
+    """A process that computes for this one, or a cluster of them, does not answer; what is finished is kept."""
+
+    exit_code = 3

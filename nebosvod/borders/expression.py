@@ -40,8 +40,8 @@ def _absolute(x: Value) -> Value:
 
 def _root_of_squares(*parts: Value) -> Value:
     """Analytic, unlike numpy's hypot, which knows no complex numbers; scaled, so that squares do not overflow."""
-    size = np.max(np.abs(np.stack(np.broadcast_arrays(*parts))), axis=0)
-    size = np.where(size > 0.0, size, 1.0)
+    largest: Value = np.max([np.abs(part) for part in np.broadcast_arrays(*parts)], axis=0)
+    size = np.where(largest > 0.0, largest, 1.0)
     return size * np.sqrt(sum((np.asarray(part) / size) ** 2 for part in parts))
 
 

@@ -1,10 +1,10 @@
 """`nebosvod validate`: can the sigmas be believed."""
 
-import os
 from pathlib import Path
 
 import click
 
+from nebosvod.commands.workers import workers_from, workers_options
 from nebosvod.errors import EXIT_QUALITY
 
 
@@ -12,7 +12,7 @@ from nebosvod.errors import EXIT_QUALITY
 @click.argument("mission")
 @click.option("--runs", "-n", type=int, default=2000, show_default=True, help="Simulated truths.")
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="Folder [default: ./<mission name>-validation].")
-@click.option("--workers", type=click.IntRange(1, 256), help="Processes [default: one for each processor].")
+@workers_options
 @click.option("--seed", type=click.IntRange(0, 2**63 - 1), default=0, show_default=True, help="Seed of the simulation.")
 @click.option("--full", is_flag=True, help="Propagate every truth and iterate every estimate: slower, tests linearity.")
 @click.option("--overwrite", is_flag=True, help="Replace another campaign, or a larger one, in the same folder.")
@@ -22,6 +22,8 @@ def validate(
     runs: int,
     output: Path | None,
     workers: int | None,
+    scheduler: str,
+    cluster: str | None,
     seed: int,
     full: bool,
     overwrite: bool,
@@ -52,7 +54,7 @@ def validate(
             folder,
             runs=runs,
             seed=seed,
-            workers=workers or len(os.sched_getaffinity(0)),
+            workers=workers_from(workers, scheduler, cluster),
             full=full,
             overwrite=overwrite,
             progress=progress,

@@ -1,1 +1,1 @@
-"""Many runs: tasks in worker processes, campaigns that go on where they stopped, verdicts on covariances."""
+"""Many runs: campaigns and studies that go on where they stopped, verdicts on covariances."""

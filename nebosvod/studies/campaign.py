@@ -152,6 +152,10 @@ class CampaignFolder:
         whole = [part for part in parts if part is not None]
         return {name: np.concatenate([part[name] for part in whole])[:runs] for name in whole[0]}
 
+    def keep(self, number: int, arrays: Mapping[str, npt.NDArray[Any]]) -> None:
+        """Write a chunk that was computed."""
+        write_chunk(self.folder, number, self.campaign.fixed(), arrays)
+
     def publish(self, text: str) -> Path:
         """Write validation.json in one step, and what this campaign has written with its hashes; returns its path."""
         path = write_whole(self.folder / RESULT, text.encode("utf-8"), KEPT)
@@ -254,19 +258,18 @@ def passes(setting: Setting) -> list[Innovations | None]:
     return found
 
 
-def open_campaign(argument: Mapping[str, Any]) -> Callable[[int], None]:
-    """Prepare a worker; the returned function computes one chunk and writes it."""
-    campaign, folder = Campaign(**argument["campaign"]), Path(argument["folder"])
+def open_campaign(argument: Mapping[str, Any]) -> Callable[[int], dict[str, npt.NDArray[Any]]]:
+    """Prepare a worker; the returned function computes one chunk."""
+    campaign = Campaign(**argument["campaign"])
     mission = load_mission(campaign.mission)
     if mission.sha256 != campaign.mission_sha256:
         raise InputError(f"{campaign.mission}: the mission file changed while it was validated; start again")
     setting = Setting.of(mission)
     through = passes(setting)
 
-    def work(number: int) -> None:
+    def work(number: int) -> dict[str, npt.NDArray[Any]]:
         first = number * campaign.chunk_runs
-        chunk = compute_chunk(setting, through, campaign, range(first, first + campaign.chunk_runs))
-        write_chunk(folder, number, campaign.fixed(), chunk)
+        return compute_chunk(setting, through, campaign, range(first, first + campaign.chunk_runs))
 
     return work
 

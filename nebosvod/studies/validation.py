@@ -8,7 +8,6 @@ first serves where the second-order terms are small (`nebosvod.engine.trial.seco
 are not.
 """
 
-import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -31,10 +30,10 @@ from nebosvod.mission.vocabulary import PLANES
 from nebosvod.results.result import json_text
 from nebosvod.scene.prior import STATE_NAMES
 from nebosvod.studies.campaign import NIS_ROWS, Campaign, CampaignFolder
-from nebosvod.studies.executor import run_tasks
 from nebosvod.studies.outcomes import Direction
 from nebosvod.studies.trust import Claim, Judgement, judge
 from nebosvod.studies.verdict_rows import judgement
+from nebosvod.tasks.engine import Workers, run_tasks
 from nebosvod.version import __version__
 
 Array = npt.NDArray[np.float64]
@@ -59,7 +58,7 @@ def validate(
     *,
     runs: int,
     seed: int = 0,
-    workers: int = 1,
+    workers: int | Workers = 1,
     full: bool = False,
     overwrite: bool = False,
     progress: Callable[[int, int], None] = lambda done, runs: None,
@@ -71,7 +70,7 @@ def validate(
     ----------
     runs : simulated truths; every estimator of the mission sees the same ones.
     full : iterate every estimate even where the linear step would do.
-    workers : processes; the result does not depend on them.
+    workers : processes, or who computes; the result does not depend on them.
     progress : called with the runs that are done and all runs.
     say : called with a sentence for each stored file that was changed since it was written.
 
@@ -104,13 +103,14 @@ def validate(
         finished = held.chunks(runs) - len(missing)
         progress(min(runs, finished * campaign.chunk_runs), runs)
 
-        def count(task: int, answer: Any) -> None:
+        def keep(task: int, arrays: Any) -> None:
             nonlocal finished
+            held.keep(task, arrays)
             finished += 1
             progress(min(runs, finished * campaign.chunk_runs), runs)
 
-        argument = {"campaign": asdict(campaign), "folder": os.path.abspath(folder)}
-        run_tasks("nebosvod.studies.campaign:open_campaign", argument, missing, workers, count)
+        who = workers if isinstance(workers, Workers) else Workers(count=workers)
+        run_tasks("nebosvod.studies.campaign:open_campaign", {"campaign": asdict(campaign)}, missing, who, keep)
         found = summary(setting, campaign, runs, held.collected(runs), left_out)
         held.publish(json_text(found))
     return found
