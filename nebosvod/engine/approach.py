@@ -9,7 +9,7 @@ import numpy.typing as npt
 from nebosvod.dynamics import Encounter, TargetPlane, Trajectory, perigee_distance, target_plane
 from nebosvod.dynamics.impact import b_plane, events, follow, osculating_perigee, time_partials, what_it_hits
 from nebosvod.dynamics.surface import height_km
-from nebosvod.engine.entry import Entry, Place, entry_point
+from nebosvod.engine.entry import Entry, Place, azimuth_rad, entry_point
 from nebosvod.engine.facts import (
     ESTIMATED,
     REFERENCE,
@@ -166,6 +166,7 @@ def _entry(
         speed_km_s=entry.speed_km_s,
         path_below_horizon_deg=float(np.degrees(entry.elevation_rad)),
         ground=_ground(entry.place),
+        path_azimuth_deg=None if entry.place is None else float(np.degrees(azimuth_rad(entry.place, entry.axes[0]))),
     )
     by_state, by_parameters, by_place = entry.partials_state, entry.partials_parameters, entry.place_partials
     made = make_quantity(request, entry.epoch, "km", None, by_state, by_parameters, trajectory, how, entry.axes)

@@ -138,6 +138,12 @@ def place_of(position_km: Array) -> Place:
     )
 
 
+def azimuth_rad(place: Place, along: Array) -> float:
+    """Azimuth, from north to east in 0 to 2 pi, of a level direction (3,) at a place; ITRF."""
+    east = np.array([-np.sin(place.longitude_rad), np.cos(place.longitude_rad), 0.0])
+    return float(np.arctan2(along @ east, along @ np.cross(_normal(place), east)) % (2.0 * np.pi))
+
+
 def _normal(place: Place) -> Array:
     """Unit normal (3,) of the ellipsoid, ITRF."""
     cos = np.cos(place.latitude_rad)

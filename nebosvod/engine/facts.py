@@ -68,7 +68,8 @@ class EntryFacts:
     ----------
     evaluated_on : ESTIMATED or REFERENCE orbit.
     speed_km_s, path_below_horizon_deg : relative to the centre of the body; the angle of the path.
-    ground : over the Earth; None over another body.
+    ground, path_azimuth_deg : over the Earth; direction of flight over the ground, from north to east; None over
+        another body.
     """
 
     encounter: EncounterFacts
@@ -78,6 +79,7 @@ class EntryFacts:
     speed_km_s: float
     path_below_horizon_deg: float
     ground: Ground | None
+    path_azimuth_deg: float | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -116,7 +116,9 @@ def _with_drawn(
         spread = spread_of(one, found, row.factor, row.mean_error)
         hits = None if row.impact_probability is None else impact_share(fate)
         told.append(replace(row, drawn=spread, drawn_impacts=hits))
-    return told, {f"clones_{array_name(one.request.name)}_{one.unit}": found for one, found in zip(asked, points)}
+    arrays = {f"clones_{array_name(one.request.name)}_{one.unit}": found for one, found in zip(asked, points)}
+    known = (row.request.name for row in told if isinstance(row, Answered) and row.drawn_impacts is not None)
+    return told, arrays | {f"hits_{array_name(name)}": of_name[name][2] for name in known}
 
 
 def _predictions(

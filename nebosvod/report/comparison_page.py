@@ -13,10 +13,11 @@ from nebosvod.report.kit import wording
 from nebosvod.report.kit.base import render
 from nebosvod.report.kit.chart import Chart
 from nebosvod.report.kit.download import csv
+from nebosvod.report.kit.outline import outline
 from nebosvod.report.kit.plate import SERIES, Plate
 from nebosvod.report.kit.scale import linear
 from nebosvod.report.kit.wording import NBSP, TIMES, join, percent, product, quantity
-from nebosvod.report.run.ellipses import LEFT, ROOM, SIDE, outline
+from nebosvod.report.run.ellipses import LEFT, ROOM, SIDE
 from nebosvod.report.run.tables import Cell, Table
 from nebosvod.results.compare import shown_budget
 

@@ -125,6 +125,7 @@ def _entry(found: EntryFacts) -> rows.Row:
             "longitude_deg": found.ground.longitude_deg,
             "latitude_deg": found.ground.latitude_deg,
             "latitude_geocentric_deg": found.ground.latitude_geocentric_deg,
+            "path_azimuth_deg": found.path_azimuth_deg,
         }
     return row
 

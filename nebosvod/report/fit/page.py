@@ -10,6 +10,7 @@ from nebosvod.report.kit.base import render
 from nebosvod.report.kit.facts import grouped
 from nebosvod.report.kit.wording import count, join, moment, number, quantity
 from nebosvod.report.run.ellipses import ellipse_plate
+from nebosvod.report.run.encounters import encounter_plates
 from nebosvod.report.run.tables import Cell, prediction_table
 from nebosvod.report.run.trust import doubtful, nonlinearity_sentence, nonlinearity_table
 from nebosvod.results.ahead_words import ahead_sentences
@@ -46,6 +47,7 @@ def make_fit_report(folder: Path) -> str:
             "residuals": fit_figures.residual_plates(run),
             "stations": [] if station is None else [station],
             "correlation": found,
+            "encounters": [] if orbit is None else encounter_plates(run, run.estimators[0]),
             "predictions": [(p, doubt(row)) for row in run.predictions() if (p := ellipse_plate(row)) is not None],
         },
         tables={

@@ -18,7 +18,8 @@ from markupsafe import Markup, escape
 from matplotlib.artist import Artist
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Polygon
+from matplotlib.patches import PathPatch, Polygon
+from matplotlib.path import Path
 from matplotlib.transforms import Affine2D
 
 from nebosvod.report.kit.download import Download
@@ -34,7 +35,7 @@ CHARACTER = 6.1  # mean width of a character of axis text, px
 PIXELS = Affine2D([[1.0, 0.0, 0.0], [0.0, -1.0, SHEET], [0.0, 0.0, 1.0]])  # matplotlib counts from the lower left
 MARKERS: Mapping[str, tuple[str, float]] = {  # shape, and its size in px for marks of size 3
     "o": ("o", 3.0), "s": ("s", 2.6), "^": ("^", 4.2), "v": ("v", 4.2), "D": ("D", 3.4), "P": ("+", 5.0),
-    "|": ("|", 10.0), "O": ("o", 5.0), "S": ("s", 4.4),
+    "|": ("|", 10.0), "O": ("o", 5.0), "S": ("s", 4.4), "x": ("x", 3.4),
 }  # fmt: skip
 # many small dots are lines hardly longer than their caps: half as heavy, and they keep their size when enlarged; not
 # quite without length, since a square cap of a line without direction is left out by PDF readers (Poppler)
@@ -83,6 +84,12 @@ class Chart:
         patch = Polygon(np.stack([x, y], axis=1), transform=PIXELS, facecolor=plain, **area_look(**look))
         more = {"fill": fill} if fill.startswith("url") else {}
         self._draw(patch, tip, **more, **({} if opacity is None else {"fill-opacity": opacity}))
+
+    def region(self, outlines: Sequence[Array], *, fill: str, fill_opacity: float, **look: Any) -> None:
+        """Add an area of several outlines (n, 2) at pixels; one that goes the other way round is a hole."""
+        whole = Path.make_compound_path(*(Path(np.vstack([one, one[:1]]), closed=True) for one in outlines))
+        patch = PathPatch(whole, transform=PIXELS, facecolor=fill, **area_look(**look))
+        self._draw(patch, "", **{"fill-opacity": fill_opacity})
 
     def box(self, x: float, y: float, width: float, height: float, *, tip: str = "", **look: Any) -> None:
         """Add a rectangle with its upper left corner at (x, y)."""
@@ -187,6 +194,16 @@ class Panel:
         """End the group of marks."""
         self.chart.raw("</g>")
 
+    def clip(self) -> None:
+        """Begin a view that cuts what is drawn at the edges of the panel; `unclip` ends it."""
+        box = f"{self.left:g} {self.top:g} {self.right - self.left:g} {self.bottom - self.top:g}"
+        x, y, width, height = box.split(" ")
+        self.chart.raw(f'<svg x="{x}" y="{y}" width="{width}" height="{height}" viewBox="{box}">')
+
+    def unclip(self) -> None:
+        """End the view."""
+        self.chart.raw("</svg>")
+
     def line(self, x: Any, y: Any, name: str = "", **look: Any) -> None:
         """A line through points; undefined ones break it. A named one answers the pointer."""
         self.chart.stroke(*self.at(x, y), line_look(**look), **_mark(name))
@@ -284,7 +301,7 @@ def marker_look(
         wide = base * size / 3.0
         return {"linestyle": "-", "color": color, "linewidth": wide, "solid_capstyle": CAPS[marker], "alpha": opacity}
     hollow = hollow or marker in "OS"
-    edge = 1.6 if marker in "P|" else 1.3 if hollow else 0.0
+    edge = 1.6 if marker in "P|" else 0.9 if marker == "x" else 1.3 if hollow else 0.0
     wide = base if hollow or marker in "P|" else base * size / 3.0
     return {
         "linestyle": "none", "marker": shape, "markersize": wide, "markeredgewidth": edge, "markeredgecolor": color,

@@ -12,6 +12,7 @@ from nebosvod.report.kit import wording
 from nebosvod.report.kit.chart import Chart, Panel
 from nebosvod.report.kit.download import Download, csv
 from nebosvod.report.kit.facts import leading, when
+from nebosvod.report.kit.outline import outline
 from nebosvod.report.kit.plate import BLUE, INK, VERMILION, Plate
 from nebosvod.report.kit.scale import linear
 from nebosvod.report.kit.wording import NBSP, TIMES, number, percent, product, quantity
@@ -20,7 +21,6 @@ from nebosvod.results.outlook import unit_of
 
 SLENDER = 12.0  # axis ratio above which an ellipse at true scale is a line, and is drawn along its own axes instead
 LEVELS = ((1, "39.3"), (2, "86.5"), (3, "98.9"))  # 1 - exp(-lambda^2/2), per cent
-ANGLES = np.linspace(0.0, 2.0 * np.pi, 121)
 ROOM = 1.12  # half width of the picture in units of the 3 sigma ellipse
 SIDE, LEFT = 270.0, 58.0  # of the picture, px
 MOST_POINTS = 2000
@@ -75,14 +75,6 @@ def _covariance(value: Any) -> Array | None:
     """A finite 2x2 matrix, or None."""
     K = np.asarray(value, dtype=np.float64) if value is not None else np.empty(0)
     return K if K.shape == (2, 2) and bool(np.all(np.isfinite(K))) else None
-
-
-def outline(K: Array, level: float) -> Array:
-    """Points (121, 2) of the ellipse x^T K^-1 x = level^2, through the symmetric square root (K may be singular)."""
-    values, vectors = np.linalg.eigh(K)
-    root = vectors * np.sqrt(np.maximum(values, 0.0))
-    points: Array = level * np.stack([np.cos(ANGLES), np.sin(ANGLES)], axis=1) @ root.T
-    return points
 
 
 def _frame(

@@ -13,6 +13,7 @@ from nebosvod.report.run import (
     advice,
     curves,
     ellipses,
+    encounters,
     figures,
     geometry,
     ledger,
@@ -98,6 +99,7 @@ def _plates(
     of_main = main is not None
     made: dict[str, list[Plate | None]] = {
         "prediction": [*ellipses.prediction_plates(run, main)] if main else [],
+        "encounter": [*encounters.encounter_plates(run, main)] if main else [],
         "budget": [ledger.shares_plate(run, books), ledger.remedies_plate(run, books[0])] if books else [],
         "trust": [trust.comparison_plate(run, main)] if main else [],
         "required": [advice.required_plate(run)] if of_main else [],

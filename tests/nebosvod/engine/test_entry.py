@@ -13,7 +13,7 @@ from scipy.optimize import brentq
 
 from nebosvod.dynamics import Ephemeris, ForceModel, Trajectory
 from nebosvod.dynamics.impact import follow, impact, what_it_hits
-from nebosvod.engine.entry import Entry, entry_point, ground_displacement
+from nebosvod.engine.entry import Entry, azimuth_rad, entry_point, ground_displacement
 from nebosvod.timescale import Epoch
 
 Array = npt.NDArray[np.float64]
@@ -159,3 +159,14 @@ def test_an_orbit_is_followed_to_its_impact_however_far_ahead_it_is(fall: Trajec
     assert hit is not None
     assert before is not None
     assert abs(hit.epoch - before.epoch) < 0.05  # s
+
+
+def test_the_azimuth_is_that_of_the_path_over_the_ground(fall: Trajectory) -> None:
+    """From two places of the path 4 km of altitude apart, by spherical trigonometry."""
+    before, entry, after = (came_down(fall, altitude) for altitude in (52.0, 50.0, 48.0))
+    (lon0, lat0), (lon1, lat1) = ((e.place.longitude_rad, e.place.latitude_rad) for e in (before, after))
+    across = np.sin(lon1 - lon0) * np.cos(lat1)
+    up = np.cos(lat0) * np.sin(lat1) - np.sin(lat0) * np.cos(lat1) * np.cos(lon1 - lon0)
+    assert np.degrees(azimuth_rad(entry.place, entry.axes[0])) == pytest.approx(
+        np.degrees(np.arctan2(across, up)) % 360.0, abs=0.3
+    )

@@ -117,6 +117,24 @@ def test_an_entry_has_place_time_and_their_sigmas_and_its_departure_from_linear(
     assert "geodetic (1 sigma" in terminal
 
 
+def test_the_page_shows_the_earth_to_scale_with_the_fate_of_each_drawn_orbit_and_a_map(
+    impactor: tuple[Path, str, int],
+) -> None:
+    folder, _, _ = impactor
+    page = (folder / "run" / "report.html").read_text("utf-8")
+    arrays = np.load(folder / "run" / "arrays.npz")
+    row = next(row for row in summary_of(folder / "run")["predictions"] if row["plane"] == "entry")
+    drawn = row["impact_probability_monte_carlo"]
+    fates = arrays["hits_where_it_falls"]
+    assert (len(fates), np.nansum(fates)) == (drawn["runs"], drawn["hits"])
+    figure = page[page.index('<figure id="map-where-it-falls"') :].split("</figure>")[0]
+    shown = np.isfinite(arrays["clones_where_it_falls_km"]).all(axis=1).sum()
+    dots = figure.split('data-n="drawn orbits"')[1].split("/>")[0]
+    assert dots.count("M") == shown
+    assert f"Of 60\N{NO-BREAK SPACE}drawn orbits {shown} come down there" in figure
+    assert "the linear ellipse misleads" in figure.lower()
+
+
 def test_what_does_not_exist_is_a_row_with_status_and_reason_and_the_others_stand(
     impactor: tuple[Path, str, int],
 ) -> None:

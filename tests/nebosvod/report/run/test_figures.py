@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from nebosvod.report.kit import scale, wording
-from nebosvod.report.run import ellipses, figures, geometry, page
+from nebosvod.report.kit.outline import outline
+from nebosvod.report.run import ellipses, encounters, figures, geometry, page
 from nebosvod.results.folder import RunFolder, read_folder
 from nebosvod.timescale import Epoch
 
@@ -23,12 +24,12 @@ def run(run_folder: Path) -> RunFolder:
 
 @pytest.mark.parametrize("level", [1, 2, 3])
 def test_outline_is_the_curve_of_constant_probability(level: int) -> None:
-    points = ellipses.outline(K, level)
+    points = outline(K, level)
     assert np.einsum("ni,ij,nj->n", points, np.linalg.solve(K, np.eye(2)), points) == pytest.approx(level**2, rel=1e-12)
 
 
 def test_outline_of_a_singular_covariance_is_a_segment() -> None:
-    points = ellipses.outline(np.array([[4.0, 2.0], [2.0, 1.0]]), 1)
+    points = outline(np.array([[4.0, 2.0], [2.0, 1.0]]), 1)
     assert points[:, 0] == pytest.approx(2.0 * points[:, 1], abs=1e-7)
     assert np.abs(points[:, 0]).max() == pytest.approx(2.0, rel=1e-6)
 
@@ -50,6 +51,21 @@ def test_a_slender_ellipse_is_drawn_along_its_own_axes(run: RunFolder, minor: fl
     said = drawn.caption.striptags()
     assert ("Drawn along its own axes" in said) is along
     assert "25 % of the true area; in the worst direction the true sigma is 2.00" in said
+
+
+def test_a_target_plane_shows_every_drawn_orbit_by_its_fate_and_a_far_body_not_at_all(run: RunFolder) -> None:
+    prediction = {**run.predictions("batch")[0], "capture_radius_km": 13000.0}
+    rng = np.random.default_rng(2)
+    moved = rng.standard_normal((40, 2)) @ np.linalg.cholesky(np.array(prediction["covariance_km2"])).T
+    fates = np.repeat([1.0, 0.0, np.nan], [7, 30, 3])
+    moved[-1] = np.nan
+    known = replace(run, arrays={**run.arrays, "clones_encounter_km": moved, "hits_encounter": fates})
+    (whole,) = encounters.plane_plates(known, prediction)  # a small ellipse has its own figure
+    assert whole.data[0].text.count(",hit\n") == 7
+    assert whole.data[0].text.count(",miss\n") == 30
+    assert whole.data[0].text.count(",unknown\n") == 2
+    assert encounters.plane_plates(run, {**prediction, "mean_km": [3e6, 4e6]}) == []
+    assert encounters.plane_plates(run, {**prediction, "capture_radius_km": None}) == []
 
 
 def test_plan_view_looks_down_the_pole_of_the_ecliptic() -> None:

@@ -1,0 +1,115 @@
+"""Target planes with the body to scale, and maps of where an orbit comes down, of the predictions of a run or a fit."""
+
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+
+from nebosvod.dynamics.surface import SURFACE_KM
+from nebosvod.estimation.accuracy.formed import matrix_of
+from nebosvod.mission.slugs import array_name
+from nebosvod.report.kit.coastlines import on_land
+from nebosvod.report.kit.facts import impact_clause, leading
+from nebosvod.report.kit.ground import reached
+from nebosvod.report.kit.outline import outline
+from nebosvod.report.kit.plate import Plate, thin
+from nebosvod.report.kit.target import TargetView, target_plates
+from nebosvod.report.kit.wording import axis_names, count, percent, plane_name, product, quantity
+from nebosvod.report.kit.worldmap import Corridor, maps
+from nebosvod.report.run.ellipses import drawn_orbits
+from nebosvod.results.folder import Array, Item, RunFolder
+
+FEWEST_PX = 3.0  # a disc smaller than this in the picture says nothing
+LONGEST_KM = 6000.0  # a linear ellipse on the ground longer than this (3 sigma) is no ellipse any more
+FATE = {1.0: "hit", 0.0: "miss"}
+
+
+def encounter_plates(run: RunFolder, estimator: Item) -> list[Plate]:
+    """A target plane for each encounter of an estimator that has one, then the maps of where it comes down."""
+    rows = leading(run, estimator)
+    planes = [plate for p in rows if p["plane"] in ("b_plane", "mtp") for plate in plane_plates(run, p)]
+    return planes + [plate for p in rows if p["plane"] == "entry" for plate in entry_plates(run, p)]
+
+
+def plane_plates(run: RunFolder, p: Item) -> list[Plate]:
+    """The target plane of one prediction; nothing where the body would be a dot in it."""
+    K = _matrix(p, "covariance", "factor")
+    if K is None or not p.get("capture_radius_km") or p.get("body") not in SURFACE_KM:
+        return []
+    centre, drawn = np.asarray(p["mean_km"], dtype=np.float64), drawn_orbits(run, p)
+    points = np.empty((0, 2)) if drawn is None else centre + drawn
+    first, second = axis_names(p["plane"], 2)
+    view = TargetView(
+        body=p["body"], radius_km=SURFACE_KM[p["body"]], capture_km=p["capture_radius_km"], centre=centre, covariance=K,
+        formal=_matrix(p, "covariance_formal", "factor_formal"), points=points, fates=_fates(run, p, len(points)),
+        names=(first, second),
+    )  # fmt: skip
+    reach = float(np.abs(centre).max() + 3.0 * np.sqrt(np.diag(K)).max())
+    if 300.0 * view.capture_km < FEWEST_PX * reach:
+        return []
+    name = plane_name(p["plane"], p["body"])
+    sizes = quantity(view.radius_km, "km", 4), quantity(view.capture_km, "km", 4)
+    words = "<b>{}</b>: {} at one scale, with the disc (radius {}) and the capture circle ({}) of orbits that hit."
+    caption = Markup(words).format(p["name"], name, *sizes) + impact_clause(p)
+    key = "target-" + array_name(p["name"]).replace("_", "-")
+    plates = target_plates(key, view, f"{p['name']}: {name} with the body to scale", caption)
+    about_ellipse = len(plates) > 1 and float(np.sqrt(np.diag(K)).max()) < view.capture_km
+    return plates[:1] if about_ellipse else plates  # the ellipse itself has its own figure
+
+
+def entry_plates(run: RunFolder, p: Item) -> list[Plate]:
+    """Maps of one entry into the Earth's atmosphere."""
+    if p.get("longitude_deg") is None:
+        return []
+    place, azimuth = (p["longitude_deg"], p["latitude_deg"]), p.get("path_azimuth_deg")
+    K, drawn = _matrix(p, "covariance", "factor"), drawn_orbits(run, p)
+    points, outlines = np.empty((0, 2)), []
+    longest = 3.0 * max(p["semi_axes_km"])
+    if azimuth is not None and drawn is not None:
+        points = np.stack(reached(*place, azimuth, drawn, p["altitude_km"]), axis=1)
+    if azimuth is not None and K is not None and longest < LONGEST_KM:
+        outlines = [np.stack(reached(*place, azimuth, outline(K, k), p["altitude_km"]), axis=1) for k in (1.0, 3.0)]
+    corridor = Corridor(
+        name="drawn orbits", points=points, nominal=place, outlines=outlines, outlines_name="1 and 3σ, linear"
+    )
+    caption = Markup("<b>{}</b>: where the orbit comes down to {} above the ellipsoid.").format(
+        p["name"], quantity(p["altitude_km"], "km")
+    ) + _entry_caption(p, points, outlines, azimuth is not None)  # fmt: skip
+    return maps("map-" + array_name(p["name"]).replace("_", "-"), [corridor], f"{p['name']}: place of entry", caption)
+
+
+def _entry_caption(p: Item, points: Array, outlines: list[Array], placed: bool) -> Markup:
+    """What the drawn orbits do, and what became of the ellipse."""
+    told = Markup("")
+    if len(points):
+        few = points[thin(len(points), 2000)]
+        runs = (p.get("monte_carlo") or {}).get("runs") or len(points)
+        told += Markup(" Of {} {} come down there, {} of them over land.").format(
+            count(runs, "drawn orbit"), len(points), percent(float(on_land(*few.T).mean()))
+        )
+    drawn: Any = p.get("monte_carlo") or {}
+    if placed and not outlines and len(p["semi_axes_km"]) == 2:
+        told += Markup(
+            " The linear ellipse ({}, 1σ) is too long for an ellipse on the Earth and not drawn."
+        ).format(product(p["semi_axes_km"], "km"))  # fmt: skip
+    elif (p.get("nonlinearity") or {}).get("misleads") or drawn.get("misleads"):
+        told += Markup(" The linear ellipse misleads; go by the drawn orbits.") if len(points) else Markup(
+            " The linear ellipse misleads."
+        )  # fmt: skip
+    return told
+
+
+def _matrix(p: Item, covariance: str, factor: str) -> Array | None:
+    """A finite 2x2 covariance, km^2; None."""
+    found = matrix_of(p, f"{covariance}_km2", f"{factor}_km")
+    K = np.empty(0) if found is None else np.asarray(found, dtype=np.float64)
+    return K if K.shape == (2, 2) and bool(np.isfinite(K).all()) else None
+
+
+def _fates(run: RunFolder, p: Item, n: int) -> Any:
+    """The fate (n,) of each drawn orbit; unknown where the folder does not say."""
+    hits, points = run.array("hits", p["name"]), run.array(f"clones_{array_name(p['name'])}_km")
+    if n == 0 or hits is None or points is None or len(hits) != len(points):
+        return np.full(n, "unknown")
+    kept = np.asarray(hits)[np.isfinite(points).all(axis=1)]
+    return np.array([FATE.get(value, "unknown") for value in kept.tolist()])
