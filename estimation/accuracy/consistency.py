@@ -60,8 +60,8 @@ def judge(errors: Array, factor: Array, level: float = 0.01) -> Consistency:
     """
     white = _whitened(errors, factor)
     runs, size = white.shape
-    interval = _chi_square_interval(runs * size, 0.5 * level)
-    variance_interval = _chi_square_interval(runs, 0.5 * level / size)
+    interval = chi_square_interval(runs * size, 0.5 * level)
+    variance_interval = chi_square_interval(runs, 0.5 * level / size)
     mean = float(np.mean(white**2))
     variances = np.mean(white**2, axis=0)
     inside = interval[0] <= mean <= interval[1]
@@ -154,7 +154,7 @@ def _whitened(errors: Array, factor: Array) -> Array:
     return solve_square(factor, errors[:, :, None])[:, :, 0]
 
 
-def _chi_square_interval(freedom: int, level: float) -> tuple[float, float]:
+def chi_square_interval(freedom: int, level: float) -> tuple[float, float]:
     """Two-sided interval of chi-square over its degrees of freedom."""
     low, high = (2.0 * float(gammaincinv(0.5 * freedom, q)) / freedom for q in (0.5 * level, 1.0 - 0.5 * level))
     return low, high

@@ -101,7 +101,9 @@ def predict_friedland(stage: TwoStage, system: System) -> TwoStage:
 
 
 def predict_hsieh_chen(stage: TwoStage, system: System) -> TwoStage:
-    """Time update for any bias noise, and for a singular B as long as the predicted bias covariance is regular.
+    """Time update for any bias noise, and for a singular B.
+
+    Components of the bias that have no error yet, and begin to err later, are left alone until then.
 
     References
     ----------
@@ -112,10 +114,11 @@ def predict_hsieh_chen(stage: TwoStage, system: System) -> TwoStage:
     Q_b = np.zeros_like(stage.P_b) if system.Q_b is None else system.Q_b
     Q_xb = np.zeros_like(stage.V) if system.Q_xb is None else system.Q_xb
     P_b = _even(B @ stage.P_b @ B.T + Q_b)
+    cross = Ub @ stage.P_b @ B.T + Q_xb
     try:
-        U = solve_square(P_b, (Ub @ stage.P_b @ B.T + Q_xb).T).T
-    except np.linalg.LinAlgError:
-        raise GeometryError("two-stage filter: the predicted bias covariance is singular") from None
+        U = solve_square(P_b, cross.T).T
+    except np.linalg.LinAlgError:  # what has no error has no covariance with the state either
+        U = solve_covariance(P_b, cross.T).T
     Q = system.Q_x + Ub @ stage.P_b @ Ub.T - U @ P_b @ U.T
     return TwoStage(
         x0=A @ stage.x0 + (Ub - U @ B) @ stage.b,

@@ -10,10 +10,12 @@ import numpy.typing as npt
 
 from nebosvod.dynamics import Trajectory
 from nebosvod.engine.assembly import linear_problem, mean_errors, view
+from nebosvod.engine.extended import pass_through
+from nebosvod.engine.filtering import MOST, Filtered, Path, filtered, linear_path
 from nebosvod.estimation import Estimate, History, IterationResult, LinearProblem, Status, gauss_newton
 from nebosvod.estimation.solvers import batch, recursive, separated, sequential
 from nebosvod.mission import Estimator
-from nebosvod.mission.request import OWN_GAIN
+from nebosvod.mission.request import EXTENDED, OWN_GAIN, WITH_HISTORY
 from nebosvod.observation import Observation
 from nebosvod.scene.point import Point, View
 from nebosvod.scene.prior import PriorTable
@@ -41,6 +43,11 @@ SOLVERS: Mapping[str, Callable[[LinearProblem], Estimate]] = {
     "schmidt": partial(sequential.solve, gain="schmidt"),
     "as_printed": as_printed,
     "levenberg_marquardt": partial(batch.solve, way="qr"),
+    # of one linear problem these are the augmented filter
+    "ekf": partial(recursive.solve, history=False),
+    "iterated_ekf": partial(recursive.solve, history=False),
+    "hsieh_chen": separated.solve_drifting,
+    "smoother": partial(recursive.solve, history=False),
 }
 
 
@@ -57,6 +64,7 @@ class Fit:
     history : sigmas after each measurement, of the gain of least squares; None for another gain, and where the
         problem is not observable.
     mean_errors : mean of truth minus assumed value, by parameter left out; those that are not zero.
+    filtered : what a filter believed after each measurement, of the methods that keep it.
     """
 
     estimator: Estimator
@@ -70,6 +78,7 @@ class Fit:
     seen: View
     history: History | None
     mean_errors: Mapping[str, float]
+    filtered: Filtered | None = None
 
     def mean_error(self, W: Array, names: Sequence[str]) -> Array:
         """Mean (d,) of estimated minus true w = W x, for what the estimator leaves out has a mean."""
@@ -110,11 +119,13 @@ class Convergence:
     found : its outcome, deviations counted from the start.
     problem : linearised at the last point, priors about the start.
     seen : orbit and computed measurements at the last point.
+    path : of a filter that went through the measurements one by one.
     """
 
     found: IterationResult
     problem: LinearProblem
     seen: View
+    path: Path | None = None
 
     @property
     def point(self) -> Point:
@@ -131,6 +142,8 @@ def converge(
     tolerance: float = TOLERANCE,
 ) -> Convergence:
     """Iterate an estimator to its end; parameters as of `fit`, whose numbers these are without the rest."""
+    if estimator.method in EXTENDED:
+        return _passed_through(scene, estimator, start, observed_psi, priors)
     latest: list[tuple[dict[str, float], View, LinearProblem]] = []
 
     def linearise(deviation: Mapping[str, float]) -> LinearProblem:
@@ -154,6 +167,19 @@ def converge(
     if latest[0][0] != {name: value for name, value in found.deviation.items() if value != 0.0}:
         linearise(found.deviation)
     return Convergence(found=found, problem=latest[0][2], seen=latest[0][1])
+
+
+def _passed_through(
+    scene: Scene, estimator: Estimator, start: View, observed_psi: Array, priors: PriorTable
+) -> Convergence:
+    """The end of an extended filter, and the orbit through it."""
+    problem = linear_problem(scene, estimator, start, observed_psi, priors, about=start.point)
+    passed = pass_through(scene, start, problem, observed_psi, estimator.method == "iterated_ekf")
+    seen = start
+    if passed.found.estimate.solution is not None:
+        point = start.point.moved(passed.found.deviation)
+        seen = view(scene, point, start.observation.light_time_s, simulates=False)
+    return Convergence(found=passed.found, problem=passed.problem, seen=seen, path=passed.path)
 
 
 def fit(
@@ -190,7 +216,19 @@ def fit(
         seen=ended.seen,
         history=recursive.solve(ended.problem).history if shown else None,
         mean_errors=mean_errors(scene, estimator, ended.seen.terms),
+        filtered=_filtered(ended, estimator, start) if history and estimator.method in WITH_HISTORY else None,
     )
+
+
+def _filtered(ended: Convergence, estimator: Estimator, start: View) -> Filtered | None:
+    """What the filter believed on its way; None where there is no estimate, or the arc is too long to keep it."""
+    found = ended.found
+    if found.estimate.solution is None or ended.problem.n > MOST:
+        return None
+    if ended.path is not None:
+        return filtered(ended.path, start.point, ended.seen)
+    path = linear_path(ended.problem, found.deviation, ended.seen, estimator.method)
+    return filtered(path, ended.seen.point, ended.seen)
 
 
 def taken(point: Point, estimate: Estimate) -> Point:

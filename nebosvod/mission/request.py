@@ -32,7 +32,10 @@ from nebosvod.mission.yaml.inherit import MAX_TELESCOPES
 from nebosvod.timescale import Epoch
 
 OWN_GAIN = ("schmidt", "as_printed")  # methods whose gain is not that of least squares
-FROM_A_PRIOR = ("two_stage", *OWN_GAIN)  # methods that start from a prior of everything they estimate
+TWO_STAGE = ("two_stage", "hsieh_chen")  # methods that keep the orbit and what else is estimated apart
+EXTENDED = ("ekf", "iterated_ekf")  # methods that linearise each measurement anew, and go through them once
+WITH_HISTORY = (*TWO_STAGE, *EXTENDED, "smoother")  # methods whose beliefs after each measurement are kept
+FROM_A_PRIOR = (*WITH_HISTORY, *OWN_GAIN)  # methods that start from a prior of everything they estimate
 PARAMETER_GROUPS = ("radius", "mass", "albedo", "thermal_emission", "A1", "A2", "A3", "a1_residual")
 
 

@@ -6,7 +6,7 @@ from typing import Literal
 
 Method = Literal[
     "batch_qr", "batch_blocks", "batch_identity", "recursive", "two_stage", "schmidt", "as_printed",
-    "levenberg_marquardt",
+    "levenberg_marquardt", "ekf", "iterated_ekf", "hsieh_chen", "smoother",
 ]  # fmt: skip
 METHODS: Mapping[str, str] = {
     "batch_qr": "batch least squares, QR",
@@ -17,6 +17,10 @@ METHODS: Mapping[str, str] = {
     "two_stage": "two-stage (bias-separated)",
     "as_printed": "recursive, as printed",
     "levenberg_marquardt": "batch least squares, steps of Levenberg and Marquardt",
+    "ekf": "extended Kalman filter",
+    "iterated_ekf": "extended Kalman filter, each measurement iterated",
+    "hsieh_chen": "two-stage, drifting biases (Hsieh and Chen)",
+    "smoother": "recursive, smoothed (Rauch, Tung, Striebel)",
 }
 
 

@@ -9,7 +9,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from nebosvod.engine.filtering import Filtered
 from nebosvod.engine.montecarlo import Consistency
+from nebosvod.estimation.accuracy.consistency import chi_square_interval
 from nebosvod.findings.blame import QuantityShare, QuantitySigmas, Remedied, Remedies, StateShare, StateSigmas
 from nebosvod.findings.comparison import LEVEL, MEANINGS, Accuracies
 from nebosvod.findings.curves import Curve
@@ -38,6 +40,13 @@ def listed(values: Array | None) -> list[Any] | None:
 def present(row: Row) -> Row:
     """The row without what a finding of its kind does not have."""
     return {key: value for key, value in row.items() if value is not None}
+
+
+def innovations(found: Filtered) -> Row:
+    """The `innovations` of an estimator: mean normalised square by component, and where it lies if all is right."""
+    freedom = found.innovation.size
+    low, high = chi_square_interval(freedom, 0.01)
+    return {"nis_mean": float(found.nis.sum() / freedom), "nis_interval_99": [low, high]}
 
 
 def state_share(share: StateShare) -> Row:

@@ -103,6 +103,8 @@ def estimator_row(scene: Scene, priors: PriorTable, fit: Fit) -> dict[str, Any]:
         sigmas = ("sigma_position_km", "sigma_velocity_m_s", "sigma_formal_position_km", "sigma_formal_velocity_m_s")
         lost = {"covariance_reason": estimate.message, "factor_formal_km_km_s": None}
         return row | dict.fromkeys((*empty, *sigmas)) | lost | {"parameters": {}}
+    if fit.filtered is not None:
+        row["innovations"] = rows.innovations(fit.filtered)
     index = [estimate.names.index(name) for name in STATE_NAMES]
     formal = estimate.S_formal[index] @ estimate.S_formal[index].T
     true = estimate.covariance(STATE_NAMES)
@@ -146,7 +148,7 @@ def _parameters(scene: Scene, priors: PriorTable, fit: Fit) -> dict[str, dict[st
     """Prior and posterior sigma and value of everything beside the state; units of nuisances in the key names."""
     values = fit.point.values
     found: dict[str, dict[str, float | None]] = {}
-    units = {name: _unit(scene, term.name, name) for term in fit.seen.terms for name in term.names}
+    units = {name: parameter_unit(scene, term.name, name) for term in fit.seen.terms for name in term.names}
     for name in (*fit.estimate.names, *fit.estimate.left_out):
         if name in STATE_NAMES:
             continue
@@ -161,7 +163,7 @@ def _parameters(scene: Scene, priors: PriorTable, fit: Fit) -> dict[str, dict[st
     return found
 
 
-def _unit(scene: Scene, source: str, name: str) -> tuple[str, float]:
+def parameter_unit(scene: Scene, source: str, name: str) -> tuple[str, float]:
     """Unit of a parameter of a source in the summary, and the factor from the internal one."""
     group = scene.sources[source].group
     if group == "bias":

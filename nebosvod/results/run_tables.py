@@ -13,6 +13,7 @@ from nebosvod.findings.prediction import Answered, existing
 from nebosvod.mission.slugs import array_name
 from nebosvod.observation import Common, residual
 from nebosvod.results import rows
+from nebosvod.results.filter_tables import filter_arrays, filter_table
 from nebosvod.results.orbit_arrays import orbit_arrays
 from nebosvod.results.result import Table
 from nebosvod.scene.point import View
@@ -58,7 +59,7 @@ def all_arrays(scene: PlannedScene, nominal: View, fits: Sequence[Fit], psi: Arr
     }
     for one in fits:
         if one.estimate.solution is not None:
-            arrays |= _estimator_arrays(one)
+            arrays |= _estimator_arrays(one) | filter_arrays(scene, one)
             arrays |= orbit_arrays(scene.mission, one.estimate, array_name(one.estimator.name))
     return arrays
 
@@ -107,6 +108,8 @@ def all_tables(
     for one in found:
         if one.history is not None:
             tables[f"sigma_history_{array_name(one.estimator.name)}"] = _history(one)
+        if one.filtered is not None:
+            tables[f"filter_{array_name(one.estimator.name)}"] = filter_table(scene, one, one.filtered)
     predictions = existing(findings.predictions)
     if predictions:
         tables["predictions"] = _rows_table(

@@ -16,7 +16,15 @@ from nebosvod.mission.found import FileOrbit, parameter_of
 from nebosvod.mission.model import Mission
 from nebosvod.mission.orbit import SbdbOrbit
 from nebosvod.mission.question import Question
-from nebosvod.mission.request import FROM_A_PRIOR, OWN_GAIN, PARAMETER_GROUPS, Estimator, Prior, SkyPrediction
+from nebosvod.mission.request import (
+    FROM_A_PRIOR,
+    OWN_GAIN,
+    PARAMETER_GROUPS,
+    TWO_STAGE,
+    Estimator,
+    Prior,
+    SkyPrediction,
+)
 from nebosvod.mission.spacecraft import GEOCENTRES, Ground, underground
 from nebosvod.mission.uncertainty import EXAMPLES, GROUPS, Position
 from nebosvod.mission.yaml.yamlfile import shown
@@ -338,8 +346,10 @@ def _method(mission: Mission, index: int, estimator: Estimator) -> Iterator[Comp
         text = f"{method} cannot carry an error correlated in time ({', '.join(slow)})"
         yield place, f"{text}; use another correlation or treatment fixed for it, or recursive, which carries it"
     common = [s.name for s in mission.sources if not (s.fresh or s.slow)]
-    if method == "two_stage" and "estimated" not in [*treatment.values(), *(own[name] for name in common)]:
-        text = "two_stage separates the orbit from what else is estimated, and nothing else is"
+    if method == "hsieh_chen":
+        common += slow
+    if method in TWO_STAGE and "estimated" not in [*treatment.values(), *(own[name] for name in common)]:
+        text = f"{method} separates the orbit from what else is estimated, and nothing else is"
         yield place, f"{text}; estimate a bias or a parameter of the body, or use recursive"
 
 

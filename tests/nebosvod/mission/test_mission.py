@@ -479,7 +479,7 @@ def test_reading_a_mission_loads_no_heavy_module() -> None:
 PRIOR_SIGMA = ("prior: none  ", "prior: {sigma: {position: 1000 km, velocity: 1 m/s}}  ")
 
 
-@pytest.mark.parametrize("method", ["two_stage", "schmidt", "as_printed"])
+@pytest.mark.parametrize("method", ["two_stage", "hsieh_chen", "ekf", "smoother", "schmidt", "as_printed"])
 def test_filters_that_start_from_a_prior_say_what_of_it_is_missing(method: str) -> None:
     edit = ("method: recursive", f"method: {method}")
     assert f"estimators[3].method: {method} starts from a prior orbit, and the mission has none" in refusal(edit)
@@ -506,6 +506,12 @@ def test_two_stages_need_something_beside_the_orbit() -> None:
     assert "two_stage separates the orbit from what else is estimated, and nothing else is" in refusal(
         ("method: recursive", alone), PRIOR_SIGMA
     )
+    drifting = (
+        "bias: {sigma: 0.05 arcsec, treatment",
+        "bias: {sigma: 0.05 arcsec, correlation: gauss_markov, time: 9 d, treatment",
+    )
+    drifts = ("method: recursive", "method: hsieh_chen, treatment: {radius: fixed, mass: fixed, albedo: fixed}")
+    assert mission(drifts, PRIOR_SIGMA, drifting).estimators[3].method == "hsieh_chen"
 
 
 def test_the_filter_as_printed_considers_what_it_is_asked_to_estimate() -> None:
