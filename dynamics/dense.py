@@ -12,10 +12,10 @@ import numpy.typing as npt
 from nebosvod.dynamics.chebyshev import position_at, velocity_at
 from nebosvod.dynamics.collocation import TO_LEGENDRE_FLAT
 from nebosvod.dynamics.compilation import SUN, kernel
-from nebosvod.dynamics.ephemeris import Window
 from nebosvod.dynamics.model import Physics
 from nebosvod.dynamics.nodes import nodes_width, tabulate_nodes
 from nebosvod.dynamics.stages import weighed
+from nebosvod.dynamics.window import Window
 from nebosvod.dynamics.workspace import NO_STEPS, Steps, memory
 
 Array = npt.NDArray[np.float64]
@@ -76,6 +76,7 @@ def join(
         merged = Steps(*(np.ascontiguousarray(field[::-1]) for field in first))
     else:
         merged = Steps(*(np.concatenate((one[::-1], other)) for one, other in zip(first, forward)))
+        forward = Steps(*(field[behind:] for field in merged))  # the same numbers once: centuries of them are 40 MB
     edges = np.empty(len(merged.start) + 1)
     edges[:-1] = merged.start
     if behind:

