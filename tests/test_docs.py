@@ -41,7 +41,6 @@ COMMANDS = (
     "report",
     "risk",
     "schema",
-    "study",
     "validate",
     "plan",
     "compare",

@@ -193,7 +193,7 @@ class Sky:
     @classmethod
     def measured(cls, exposures: Exposures, observed: Array, R: Array) -> "Sky":
         """The directions measured in some exposures; raises as `of`."""
-        return cls(exposures=exposures, observed=observed, R=R, whitener=_whitener(R))
+        return cls(exposures=exposures, observed=observed, R=R, whitener=whiteners(R))
 
     @property
     def epoch(self) -> Epoch:
@@ -229,7 +229,7 @@ class Sky:
 
     def weighed(self, R: Array) -> "Sky":
         """The same with other weights (n, 2, 2)."""
-        return replace(self, R=R, whitener=_whitener(R))
+        return replace(self, R=R, whitener=whiteners(R))
 
 
 ROW_FIELDS = (
@@ -294,8 +294,8 @@ def _sun_pull(sun: Array, t_s: Array, epoch: Epoch, ephemeris: Ephemeris) -> Arr
     return own((sun[:, 3:] - before[:, 3:]) / back)
 
 
-def _whitener(R: Array) -> Array:
-    """Inverse Cholesky factors (n, 2, 2) of covariances (n, 2, 2)."""
+def whiteners(R: Array) -> Array:
+    """Inverse Cholesky factors (n, 2, 2) of covariances (n, 2, 2); InputError if one is not positive definite."""
     a = np.sqrt(R[:, 0, 0])
     b = R[:, 1, 0] / a
     rest = R[:, 1, 1] - b * b

@@ -1,0 +1,210 @@
+"""Which of the drawn orbits hit within a time, and with what probability.
+
+An orbit that, by the Sun alone, stays far from the Earth all the time is not flown; all others are, with every force.
+Then more orbits are drawn where it is not clear whether a cell of the grid hits: at the border of the impacting region.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.special import betaincinv
+
+from nebosvod.dynamics.constants import AU_KM, DAY_S
+from nebosvod.dynamics.twobody_many import fly as fly_by_the_sun
+from nebosvod.first_hour.draws import Draws, draw, shares
+from nebosvod.first_hour.grid import HEADLINE, Grid
+from nebosvod.first_hour.sight import ALIKE, together
+from nebosvod.first_hour.tracklet import Tracklet
+from nebosvod.impacts.interval import of_count
+from nebosvod.timescale import Epoch
+
+Array = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
+Rows = npt.NDArray[np.int64]
+WITHIN_D = 100.0
+TOLERANCE = 1e-8
+FAR_KM = 0.03 * AU_KM  # from the Earth, by the Sun alone: what it is about wrong by within a hundred days is less
+LOOK_S = 0.5 * DAY_S
+TARGET_KM = 3e4  # a cell that misses by as much may hold orbits that hit
+FIRST, MORE, ROUNDS = 400, 250, 2
+CLEAR = 1e-6  # of a cell: it need not be looked at again
+TAIL = 0.025
+LEFT_OUT = 1e-6  # of the mass, that no cell or no draw stands for
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Falls:
+    """What becomes of drawn orbits.
+
+    Attributes
+    ----------
+    draws : the orbits.
+    flown : (m,) whether it was flown with every force.
+    body : (m,) what it hits, "" for nothing.
+    t_s : (m,) when it comes to the surface, TDB seconds after the reference time; of others nan.
+    position_km, velocity_km_s : (m, 3) then, from the centre of the body, ICRF.
+    miss_km : (m,) how near those come that do not hit; by the Sun alone where not flown.
+    """
+
+    draws: Draws
+    flown: Flags
+    body: npt.NDArray[np.str_]
+    t_s: Array
+    position_km: Array
+    velocity_km_s: Array
+    miss_km: Array
+
+    def hits(self, body: str = "earth") -> Flags:
+        """Which orbits (m,) hit a body."""
+        found: Flags = self.body == body
+        return found
+
+    def joined(self, other: "Falls") -> "Falls":
+        """Both together."""
+        rows = {name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in ROW_FIELDS}
+        return Falls(draws=self.draws.joined(other.draws), **rows)
+
+
+ROW_FIELDS = ("flown", "body", "t_s", "position_km", "velocity_km_s", "miss_km")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Chance:
+    """A probability of impact with its interval at 95 %; `bound` where no orbit hits: then it is below `high`."""
+
+    probability: float
+    low: float
+    high: float
+    hits: int
+    bound: bool
+
+
+def fall(grid: Grid, within_d: float, rng: np.random.Generator) -> Falls:
+    """Draw orbits of a grid and see what becomes of them within some days of the reference time."""
+    tracklet = grid.conditional.tracklet
+    found = flown(tracklet, draw(grid, shares(grid, FIRST), rng), within_d)
+    for _ in range(ROUNDS):
+        number = _unclear(grid, found, MORE)
+        if not number.any():
+            break
+        found = found.joined(flown(tracklet, draw(grid, number, rng), within_d))
+    return found
+
+
+def _unclear(grid: Grid, found: Falls, count: int) -> Rows:
+    """How many more orbits to draw in each cell: as Neyman shares them, by weight and spread of the answer."""
+    p = _of_cells(grid, found, found.hits())
+    w = np.mean([grid.weight(prior) for prior in grid.priors], axis=0)
+    score = np.where(p > CLEAR, w * np.sqrt(p * (1.0 - p)), 0.0)
+    total = score.sum()
+    return np.rint(count * score / total).astype(np.int64) if total > 0.0 else np.zeros(len(w), dtype=np.int64)
+
+
+def _of_cells(grid: Grid, found: Falls, hit: Flags) -> Array:
+    """How probable a hit is in each cell (m,), never quite 0 or 1 where orbits of it or its neighbours say otherwise.
+
+    A cell without a hit is open to what the nearest miss leaves: the share of the target in as wide a target plane.
+    """
+    m, cell = len(grid.nodes), found.draws.cell
+    drawn, hits = np.bincount(cell, minlength=m), np.bincount(cell, hit, m)
+    nearest, farthest = np.full(m, np.inf), np.full(m, -np.inf)
+    np.minimum.at(nearest, cell, np.where(hit, 0.0, found.miss_km))
+    np.maximum.at(farthest, cell, np.where(hit, 0.0, 1.0))
+    none = np.clip((TARGET_KM / np.maximum(_of_neighbours(grid, nearest), 1.0)) ** 2, 0.0, 0.5)
+    some = np.where(-_of_neighbours(grid, -farthest) > 0.0, 0.5, 0.0)  # of a miss, where all hit
+    share = np.where(2.0 * hits > drawn, some, none)
+    return np.asarray((hits + np.where(2.0 * hits > drawn, 1.0 - share, share)) / (drawn + 1.0))
+
+
+def _of_neighbours(grid: Grid, values: Array) -> Array:
+    """The least value (m,) of a cell and those beside it: on its line, and on the next lines at the nearest rate."""
+    found = values.copy()
+    same = np.flatnonzero(np.diff(grid.line) == 0)
+    np.minimum.at(found, same, values[same + 1])
+    np.minimum.at(found, same + 1, values[same])
+    rate, middle = grid.nodes.coordinates[:, 1], found.copy()
+    for k in range(int(grid.line.max())):
+        here, there = np.flatnonzero(grid.line == k), np.flatnonzero(grid.line == k + 1)
+        if here.size and there.size:
+            gap = np.abs(rate[here][:, None] - rate[there][None])
+            a, b = there[gap.argmin(axis=1)], here[gap.argmin(axis=0)]
+            np.minimum.at(found, here, middle[a])
+            np.minimum.at(found, there, middle[b])
+    return found
+
+
+def flown(tracklet: Tracklet, draws: Draws, within_d: float) -> Falls:
+    """Fly those orbits that may come near the Earth."""
+    m = len(draws)
+    miss = _nearest_by_the_sun(tracklet, draws.states, within_d)
+    near = (miss < FAR_KM) & np.isfinite(draws.log_density[HEADLINE])
+    body, t_s = np.full(m, "", dtype="<U16"), np.full(m, np.nan)
+    place, velocity = np.full((m, 3), np.nan), np.full((m, 3), np.nan)
+    alike = np.searchsorted(ALIKE, np.exp(draws.coordinates[:, 0]) * AU_KM)
+    for group in np.unique(alike[near]):
+        rows = np.flatnonzero(near & (alike == group))
+        _, fates = together(tracklet, draws.states[rows], np.array([within_d * DAY_S]), TOLERANCE, "earth")
+        hit = rows[fates.impact]
+        body[hit], t_s[hit] = fates.body[fates.impact], fates.t_s[fates.impact]
+        place[hit], velocity[hit] = fates.position_km[fates.impact], fates.velocity_km_s[fates.impact]
+        known = np.isfinite(fates.distance_km) & ~fates.impact
+        miss[rows[known]] = fates.distance_km[known]
+    return Falls(draws=draws, flown=near, body=body, t_s=t_s, position_km=place, velocity_km_s=velocity, miss_km=miss)
+
+
+def _nearest_by_the_sun(tracklet: Tracklet, states: Array, within_d: float) -> Array:
+    """The least distance (m,) from the Earth, km, of orbits the Sun alone moves; straight from look to look."""
+    t_s = np.append(np.arange(0.0, within_d * DAY_S, LOOK_S), within_d * DAY_S)
+    ephemeris = tracklet.forces.ephemeris
+    gm = ephemeris.gm_km3_s2["sun"]
+    earth = ephemeris.state_km_km_s("earth", tracklet.epoch, t_s) - ephemeris.state_km_km_s("sun", tracklet.epoch, t_s)
+    least = np.empty(len(states))
+    for part in np.array_split(np.arange(len(states)), max(len(states) // 500, 1)):
+        gap = fly_by_the_sun(states[part, None], t_s[None], gm) - earth
+        step = np.zeros(gap.shape[:2])
+        r, v = gap[..., :3], gap[..., 3:]
+        step = np.clip(-np.sum(r * v, axis=-1) / np.sum(v * v, axis=-1), -LOOK_S, LOOK_S)
+        least[part] = np.linalg.norm(r + step[..., None] * v, axis=-1).min(axis=1)
+    return np.where(np.isfinite(least), least, 0.0)
+
+
+def chance(grid: Grid, falls: Falls, prior: str = HEADLINE, body: str = "earth") -> Chance:
+    """Probability that a body is hit.
+
+    Notes
+    -----
+    Its error is that of stratified sampling, cell by cell; the interval that of as many plain draws as would have the
+    same error. Without a hit the bound is 3/N of the orbits that were flown, times what they weigh.
+    """
+    w, hit, cell, m = falls.draws.weight(prior), falls.hits(body), falls.draws.cell, len(grid.nodes)
+    if not hit.any():
+        there = w[falls.flown]
+        mass, square = float(there.sum()), float(np.sum(there**2))
+        high = mass * of_count(0, max(int(mass**2 / square), 1))[1] if square > 0.0 else 0.0
+        return Chance(probability=0.0, low=0.0, high=min(high + LEFT_OUT, 1.0), hits=0, bound=True)
+    p = float(w @ hit)
+    guess, drawn = _of_cells(grid, falls, hit), np.maximum(np.bincount(cell, minlength=m), 1)
+    variance = float(np.sum(np.bincount(cell, w, m) ** 2 * guess * (1.0 - guess) / drawn))
+    number = p * (1.0 - p) / variance if variance > 0.0 and p < 1.0 else float(len(w))
+    low, high = of_share(p, max(number, 1.0))
+    return Chance(probability=p, low=low, high=high, hits=int(hit.sum()), bound=False)
+
+
+def of_share(p: float, number: float) -> tuple[float, float]:
+    """The interval of a probability known as well as by so many plain draws, after Clopper and Pearson."""
+    hits = p * number
+    low = float(betaincinv(max(hits, 1e-9), number - hits + 1.0, TAIL))
+    high = float(betaincinv(hits + 1.0, max(number - hits, 1e-9), 1.0 - TAIL))
+    return min(low, p), max(high, p)
+
+
+def epoch_of(falls: Falls, tracklet: Tracklet) -> tuple[Epoch, float] | None:
+    """Median time of the hits on the Earth and half the width of their 68 %, s; None without a hit."""
+    hit = falls.hits()
+    if not hit.any():
+        return None
+    order = np.argsort(falls.t_s[hit])
+    t, w = falls.t_s[hit][order], falls.draws.weight()[hit][order]
+    at = np.interp([0.16, 0.5, 0.84], (np.cumsum(w) - 0.5 * w) / w.sum(), t)
+    return tracklet.epoch + float(at[1]), float(0.5 * (at[2] - at[0]))

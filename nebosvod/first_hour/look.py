@@ -1,0 +1,123 @@
+"""Where to look next: the drawn orbits on the sky of telescopes in the hours to come, with contours."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import contourpy
+import numpy as np
+import numpy.typing as npt
+
+from nebosvod.first_hour.draws import Draws
+from nebosvod.first_hour.region import SLOPE, magnitudes_of
+from nebosvod.first_hour.sight import lines, together
+from nebosvod.first_hour.tracklet import Tracklet
+from nebosvod.observation import Telescope
+from nebosvod.observation.measurement.direction import angle_between
+from nebosvod.observation.measurement.exposures import Exposures
+from nebosvod.observation.measurement.photometry import apparent_magnitude
+from nebosvod.timescale import Epoch
+
+Array = npt.NDArray[np.float64]
+SHOWN = 300  # orbits that are put on the sky
+SHARES = (0.68, 0.95)
+CELLS, REACH = 64, 0.15  # of the map of density, and how far it goes beyond the points
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Field:
+    """Where one telescope would see the object at one time.
+
+    Attributes
+    ----------
+    telescope, epoch : who and when.
+    psi : (m, 2) RA and Dec of drawn orbits, rad, all of one weight; fewer where some have fallen.
+    middle : (2,) their mean direction. sigma_rad : (2,) semi-axes of their spread.
+    contours : by share, closed lines (k, 2) RA and Dec, rad, that hold so much of the probability.
+    magnitude : median V; None without a magnitude.
+    fallen : share of the orbits that have come down before.
+    """
+
+    telescope: str
+    epoch: Epoch
+    psi: Array
+    middle: Array
+    sigma_rad: Array
+    contours: dict[str, list[Array]]
+    magnitude: float | None
+    fallen: float
+
+
+def fields_of(
+    tracklet: Tracklet, draws: Draws, telescopes: Sequence[Telescope], t_s: Array, rng: np.random.Generator
+) -> list[Field]:
+    """The sky of telescopes at times (n,), s after the reference time; a field for each pair in that order."""
+    w, ephemeris = draws.weight(), tracklet.forces.ephemeris
+    rows = rng.choice(len(w), SHOWN, p=w)
+    flown, _ = together(tracklet, draws.states[rows], t_s)
+    H = magnitudes_of(tracklet, draws.states[rows, :3])
+    found = []
+    for telescope in telescopes:
+        observer = telescope.spacecraft.state_km_km_s(ephemeris, tracklet.epoch, t_s)
+        line, _ = lines(Exposures.at(tracklet.epoch, t_s, observer, ephemeris), flown)
+        for k, t in enumerate(t_s.tolist()):
+            alive = np.isfinite(line[:, k]).all(axis=1)
+            if alive.any():
+                magnitude = None if H is None else _magnitude(H[alive], flown[alive, k, :3], line[alive, k])
+                found.append(_field(telescope.name, tracklet.epoch + t, line[alive, k], magnitude, 1.0 - alive.mean()))
+    return found
+
+
+def _magnitude(H: Array, place: Array, line: Array) -> float:
+    """Median V of orbits with H (m,) at heliocentric places (m, 3) on lines of sight (m, 3)."""
+    r, d = np.linalg.norm(place, axis=1), np.linalg.norm(line, axis=1)
+    return float(np.median(H + apparent_magnitude(0.0, SLOPE, r, d, angle_between(-place, -line))))
+
+
+def _field(name: str, epoch: Epoch, line: Array, magnitude: float | None, fallen: float) -> Field:
+    """One field from lines of sight (m, 3)."""
+    u = line / np.linalg.norm(line, axis=1)[:, None]
+    centre = u.mean(axis=0) / np.linalg.norm(u.mean(axis=0))
+    east = np.cross([0.0, 0.0, 1.0], centre)
+    east = east / np.linalg.norm(east) if np.linalg.norm(east) > 1e-9 else np.array([1.0, 0.0, 0.0])
+    north = np.cross(centre, east)
+    # equidistant about the middle, so that the whole sky has a place
+    across = np.stack([u @ east, u @ north], axis=1)
+    sine = np.linalg.norm(across, axis=1)
+    plane = across * (np.arctan2(sine, u @ centre) / np.maximum(sine, 1e-15))[:, None]
+    axes, sigma, _ = np.linalg.svd((plane - plane.mean(axis=0)).T / np.sqrt(len(plane)), full_matrices=False)
+    contours = {
+        f"{100 * share:.0f}": [_on_the_sky(edge @ axes.T + plane.mean(axis=0), centre, east, north) for edge in edges]
+        for share, edges in _contours((plane - plane.mean(axis=0)) @ axes).items()
+    }
+    return Field(
+        telescope=name, epoch=epoch, psi=_psi(u), middle=_psi(centre[None])[0], sigma_rad=sigma, contours=contours,
+        magnitude=magnitude, fallen=fallen,
+    )  # fmt: skip
+
+
+def _psi(u: Array) -> Array:
+    """RA in [0, 2 pi) and Dec (m, 2) of unit vectors (m, 3)."""
+    return np.stack([np.arctan2(u[:, 1], u[:, 0]) % (2.0 * np.pi), np.arcsin(np.clip(u[:, 2], -1.0, 1.0))], axis=1)
+
+
+def _on_the_sky(plane: Array, centre: Array, east: Array, north: Array) -> Array:
+    """RA and Dec (k, 2) of points of the plane."""
+    angle = np.linalg.norm(plane, axis=1)[:, None]
+    toward = (plane[:, :1] * east + plane[:, 1:] * north) / np.maximum(angle, 1e-15)
+    return _psi(np.cos(angle) * centre + np.sin(angle) * toward)
+
+
+def _contours(points: Array) -> dict[float, list[Array]]:
+    """Closed lines around the densest parts of points (m, 2) on their principal axes, by the share they hold."""
+    size = np.maximum(np.ptp(points, axis=0), 1e-12)
+    width = np.maximum(np.std(points, axis=0) * len(points) ** (-1.0 / 6.0), 1e-3 * size)  # Scott's rule
+    low, high = points.min(axis=0) - 3.0 * width - REACH * size, points.max(axis=0) + 3.0 * width + REACH * size
+    x, y = (np.linspace(low[i], high[i], CELLS) for i in range(2))
+    kernels = [np.exp(-0.5 * ((axis[:, None] - points[:, i]) / width[i]) ** 2) for i, axis in enumerate((x, y))]
+    density = kernels[1] @ kernels[0].T
+    flat = np.sort(density.ravel())[::-1]
+    held = np.cumsum(flat) / flat.sum()
+    drawn = contourpy.contour_generator(x, y, density)
+    return {
+        share: [np.asarray(edge) for edge in drawn.lines(float(flat[np.searchsorted(held, share)]))] for share in SHARES
+    }

@@ -1,0 +1,171 @@
+"""Recorded observations as a tracklet: what a fit's settings say of them, and errors that a station's records share.
+
+A fit lets an unknown clock be wrong anew at each record, sqrt(N) times as much, and lets many records of a night weigh
+as few. In the first hour that would hide the curvature of whatever moves fast. Here each station has one bias and one
+clock, which are marginalised.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from nebosvod.dynamics import Ephemeris
+from nebosvod.dynamics.impact import follow
+from nebosvod.errors import GeometryError
+from nebosvod.estimation.solvers.rejection import Thresholds
+from nebosvod.first_hour.conditional import Conditional
+from nebosvod.first_hour.region import Region
+from nebosvod.first_hour.tracklet import Columns, Tracklet, middle_of
+from nebosvod.fits.engine import thresholds_of
+from nebosvod.fits.photometry import TO_V
+from nebosvod.mission import FitMission
+from nebosvod.mission.fit import StationUncertainty
+from nebosvod.mission.uncertainty import Bias, Timing
+from nebosvod.observation.formats.records import Astrometry
+from nebosvod.observation.measurement.astrometry import compute
+from nebosvod.scene.dates import dated
+from nebosvod.scene.material import Material, prepare
+from nebosvod.scene.recorded import scene_of
+from nebosvod.scene.scene import force_model, require_epochs
+from nebosvod.timescale import SECONDS_PER_DAY
+from nebosvod.units import ARCSEC
+
+Array = npt.NDArray[np.float64]
+Rows = npt.NDArray[np.int64]
+SEARCHED = 40  # ranges at which gross errors are looked for
+LONGEST_D = 30.0  # arcs on which range and rate are not what is unknown
+HALF_AU = -0.7
+BIAS_RAD = 0.2 * ARCSEC  # that a station's records of a night share, where nobody says otherwise
+
+
+def prepared(records: Astrometry, mission: FitMission, ephemeris: Ephemeris) -> Material:
+    """The records of one object, placed and weighed, with clocks on the ground to be shared.
+
+    Raises
+    ------
+    GeometryError
+        If they are of one time: then a direction is known, and no motion.
+    InputError, CoverageError, DataError
+        As a fit.
+    """
+    require_epochs(mission, ephemeris)
+    records = dated(records, mission)
+    name = records.objects[0]
+    if len(np.unique(records.t_s)) < 2:
+        what = "one observation" if len(records) == 1 else f"{len(records)} observations of one time"
+        raise GeometryError(
+            f"{name}: {what}: a direction is known and no motion, so no orbit is more likely than others"
+        )
+    arc_d = float(np.ptp(records.t_s)) / SECONDS_PER_DAY
+    if arc_d > LONGEST_D:
+        text = f"the observations span {arc_d:.0f} d (allowed {LONGEST_D:g})"
+        raise GeometryError(f"{name}: {text}: range and rate are no longer what is unknown; use nebosvod fit")
+    return prepare(records, with_shared(records, mission), ephemeris)
+
+
+def with_shared(records: Astrometry, mission: FitMission) -> FitMission:
+    """The settings, in which every station not named there has a bias and, on the ground, a clock of its own."""
+    ground = ((records.centre == "") | records.roving) & (records.mode != "OCC") & ~np.isfinite(records.timing_sigma_s)
+    every = tuple(dict.fromkeys(records.station.tolist()))
+    entries = []
+    if codes := _unnamed(every, mission, "bias"):
+        bias = Bias.model_construct(sigma=BIAS_RAD, correlation="constant", treatment="estimated")
+        entries.append(
+            StationUncertainty.model_construct(stations=codes, shared=None, bias=bias, position=None, timing=None)
+        )
+    codes = _unnamed(tuple(dict.fromkeys(records.station[ground].tolist())), mission, "timing")
+    if codes and "clock" not in mission.fit.model_fields_set:
+        clock = Timing.model_construct(sigma=mission.fit.clock, mean=0.0, treatment="estimated")
+        entries.append(
+            StationUncertainty.model_construct(stations=codes, shared=None, bias=None, position=None, timing=clock)
+        )
+    plan = mission.fit.model_copy(update={"uncertainty": (*mission.fit.uncertainty, *entries)})
+    return mission.model_copy(update={"fit": plan})
+
+
+def _unnamed(codes: tuple[str, ...], mission: FitMission, kind: str) -> tuple[str, ...]:
+    """Stations of which the settings name no error of a kind."""
+    named = [entry.stations for entry in mission.fit.uncertainty if getattr(entry, kind) is not None]
+    return tuple(code for code in codes if not any(said == "all" or code in said for said in named))
+
+
+def tracklet_of(material: Material, records: Astrometry, mission: FitMission) -> Tracklet:
+    """All records of a material as a tracklet.
+
+    Parameters
+    ----------
+    mission : the settings, with clocks.
+    """
+    name = records.objects[0]
+    reference = middle_of(material.astrometry.t_s)
+    epoch = material.exposures.epoch + float(material.exposures.t_s[reference])
+    forces = replace(force_model(mission, material.ephemeris), parameters=())
+    bare = Tracklet.of(name, material.exposures, material.observed, forces, Columns.none(len(material)))
+    conditional = Conditional(bare)
+    state = conditional.states(conditional.first(np.array([HALF_AU]), np.zeros(1)))[0]
+    resolved = mission.of(name, material.names, epoch, state)
+    span = (float(bare.exposures.t_s.min()) - SECONDS_PER_DAY, float(bare.exposures.t_s.max()) + 1.0)
+    trajectory = follow(state, epoch, span, 0.0, forces, True)
+    scene = scene_of(resolved, material, forces, trajectory, np.arange(len(material)))
+    columns = Columns.of(scene.nuisances, compute(trajectory, scene.exposures), material.ephemeris)
+    return replace(bare, columns=columns, magnitude=apparent_v(material.astrometry))
+
+
+def apparent_v(records: Astrometry) -> float | None:
+    """The median V of the records; None where none states a magnitude of a known band."""
+    correction = np.array([TO_V.get(str(band)[-1:], np.nan) for band in records.band])
+    values = np.asarray(records.magnitude, dtype=np.float64) + correction
+    values = values[np.isfinite(values)]
+    return float(np.median(values)) if len(values) else None
+
+
+def without_gross_errors(tracklet: Tracklet, region: Region, mission: FitMission) -> tuple[Tracklet, Rows]:
+    """The tracklet without records that no orbit fits, the worst first; and the rows (r,) that were kept.
+
+    Notes
+    -----
+    Thresholds are those of a fit; a record is judged by its noise, at the best of orbits over all ranges.
+    """
+    thresholds, kept = thresholds_of(mission), np.arange(len(tracklet))
+    if thresholds is None:
+        return tracklet, kept
+    chosen = tracklet
+    while len(kept) > 3:
+        conditional = Conditional(chosen)
+        best = _best(conditional, region)
+        chi2 = _each(conditional, best)
+        worst = int(np.argmax(chi2))
+        if not chi2[worst] > _limit(thresholds, len(kept)):
+            break
+        kept = np.delete(kept, worst)
+        chosen = tracklet.select(kept)
+    return chosen, kept
+
+
+def _limit(thresholds: Thresholds, n: int) -> float:
+    return thresholds.reject + thresholds.fudge * thresholds.decay**n
+
+
+def _best(conditional: Conditional, region: Region) -> Array:
+    """Coordinates (1, 6) and nuisances of the best orbit, joined (1, 6 + k)."""
+    low, high = region.ranges(conditional.tracklet)
+    x = np.linspace(low, high, SEARCHED)
+    first = conditional.first(x, np.zeros(SEARCHED))
+    begin, end = region.rates(conditional, first)
+    middle = np.where(np.isfinite(begin), 0.5 * (begin + end), 0.0)
+    half = np.where(np.isfinite(begin), np.maximum(end - begin, 1.0), 30.0)
+    lines = conditional.solve(conditional.first(x, middle), 1, (middle, half))
+    found = int(np.argmin(lines.chi2))
+    if lines.range_sigma[found] < 0.5:
+        full = conditional.solve(lines.coordinates[found : found + 1], 0)
+        if full.chi2[0] <= lines.chi2[found]:
+            return np.hstack([full.coordinates, full.nuisance])
+    return np.hstack([lines.coordinates[found : found + 1], lines.nuisance[found : found + 1]])
+
+
+def _each(conditional: Conditional, best: Array) -> Array:
+    """Chi squared (n,) of each record by its noise alone."""
+    white = conditional.whitened(best[:, :6], best[:, 6:])
+    found: Array = np.sum(white[0] ** 2, axis=1)
+    return found

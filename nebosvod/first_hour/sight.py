@@ -1,0 +1,143 @@
+"""Many orbits of one tracklet at once: what is seen of each, against what was observed.
+
+Orbits that differ in range by ten orders of magnitude fly together: over hours they share steps that suit the middle of
+those alike in range, and who fails the check of its last step flies alone.
+"""
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+import numpy.typing as npt
+
+from nebosvod.dynamics import propagate_many
+from nebosvod.dynamics.constants import SPEED_OF_LIGHT_KM_S
+from nebosvod.dynamics.fates import Fates
+from nebosvod.dynamics.propagator import TOLERANCE
+from nebosvod.errors import EventError
+from nebosvod.first_hour.tracklet import Tracklet
+from nebosvod.observation.measurement.exposures import Exposures
+from nebosvod.units import AU_KM
+
+Array = npt.NDArray[np.float64]
+ALIKE = np.array([1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 1e-1]) * AU_KM  # borders of ranges within which orbits share steps
+LIGHT_TIMES = 4  # corrections; each gains a factor of v/c
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Seen:
+    """Of m orbits, at the n measurements of a tracklet.
+
+    Attributes
+    ----------
+    residual : (m, n, 2) observed minus computed in RA cos Dec and Dec, rad; nan where an orbit ran into a body.
+    rate : (m, n, 2) apparent motion, rad/s.
+    across : (m, n, 2, 3) how the direction moves with the place of the observer, rad/km.
+    from_earth_km : (m, n) distance from the Earth's centre.
+    """
+
+    residual: Array
+    rate: Array
+    across: Array
+    from_earth_km: Array
+
+
+def together(
+    tracklet: Tracklet, states: Array, t_s: Array, tolerance: float = TOLERANCE, body: str | None = None
+) -> tuple[Array, Fates]:
+    """Fly orbits (m, 6) from the reference time: their states (m, n, 6) at times, nan after a hit, and their fates.
+
+    Where the middle of them runs into the centre of a body, they are led by another one, an au away.
+    """
+    every, m = states, len(states)
+    for led in (False, True):
+        try:
+            found = propagate_many(
+                every, tracklet.epoch, t_s, tracklet.forces, tolerance=tolerance, threads=1, body=body
+            )
+            break
+        except EventError:
+            if led:
+                raise
+            place = tracklet.place.copy()
+            place[:3] *= 2.0
+            every = np.vstack([place, states])
+    rows = slice(len(every) - m, None)
+    fates = {field.name: getattr(found.fates, field.name)[rows] for field in fields(Fates)}
+    return found.state[rows], Fates(**fates)
+
+
+def lines(
+    exposures: Exposures, flown: Array, late_s: Array | None = None, displaced: Array | None = None
+) -> tuple[Array, Array]:
+    """Lines of sight (m, n, 3), km, to orbits with states (m, n, 6) at reception, and their motions (m, n, 3), km/s.
+
+    Parameters
+    ----------
+    late_s, displaced : as of `Sight.see`.
+
+    Notes
+    -----
+    Light comes from where the orbit was, r - v tau + a tau^2 / 2 with the Sun's pull, about a Sun that moves.
+    """
+    r, v = flown[..., :3], flown[..., 3:]
+    pull = -exposures.gm_sun_km3_s2 * r / np.sum(r * r, axis=-1, keepdims=True) ** 1.5
+    body_v, body_a = v + exposures.sun[:, 3:], pull + exposures.sun_pull
+    body, observer = r + exposures.sun[:, :3], exposures.observer[:, :3]
+    if late_s is not None:
+        late = late_s[..., None]
+        body = body + late * (body_v + 0.5 * late * body_a)
+        observer = observer + late * exposures.observer[:, 3:]
+    if displaced is not None:
+        observer = observer + displaced
+    away = body - observer
+    line = away
+    for _ in range(LIGHT_TIMES):
+        tau = np.linalg.norm(line, axis=-1, keepdims=True) / SPEED_OF_LIGHT_KM_S
+        line = away - tau * (body_v - 0.5 * tau * body_a)
+    return line, body_v - exposures.observer[:, 3:]
+
+
+class Sight:
+    """What everybody needs of a tracklet, computed once."""
+
+    def __init__(self, tracklet: Tracklet) -> None:
+        exposures, ephemeris = tracklet.exposures, tracklet.forces.ephemeris
+        self.tracklet = tracklet
+        self.t_s = exposures.t_s
+        self.axes = tracklet.axes
+        earth = ephemeris.state_km_km_s("earth", tracklet.epoch, exposures.t_s)
+        self.earth = earth[:, :3] - exposures.sun[:, :3]
+        self.gm = exposures.gm_sun_km3_s2
+
+    def fly(self, states: Array, range_km: Array) -> Array:
+        """Heliocentric states (m, n, 6) at the measurements of orbits (m, 6) at the reference time; nan after a hit."""
+        found = np.full((len(states), len(self.t_s), 6), np.nan)
+        alike = np.searchsorted(ALIKE, range_km)
+        for group in np.unique(alike):
+            chosen = np.flatnonzero(alike == group)
+            found[chosen] = together(self.tracklet, states[chosen], self.t_s)[0]
+        return found
+
+    def see(self, flown: Array, late_s: Array | None = None, displaced: Array | None = None) -> Seen:
+        """Compare orbits with what was observed.
+
+        Parameters
+        ----------
+        flown : states (m, n, 6) at the measurements.
+        late_s, displaced : (m, n) and (m, n, 3) by how much each measurement was later than its record says, s, and
+            its observer elsewhere, km; 0 where None.
+        """
+        exposures = self.tracklet.exposures
+        line, motion = lines(exposures, flown, late_s, displaced)
+        distance = np.linalg.norm(line, axis=-1)
+        u = line / distance[..., None]
+        local = np.einsum("nij,mnj->mni", self.axes, u)
+        chord = np.hypot(local[..., 0], local[..., 1])
+        stretch = np.where(chord > 1e-12, np.arctan2(chord, local[..., 2]) / np.maximum(chord, 1e-12), 1.0)
+        across = -self.axes[:, :2] / distance[..., None, None]
+        return Seen(
+            residual=-local[..., :2] * stretch[..., None],
+            rate=-np.einsum("mnij,mnj->mni", across, motion),
+            across=across,
+            from_earth_km=np.linalg.norm(flown[..., :3] - self.earth, axis=-1),
+        )
