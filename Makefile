@@ -75,6 +75,7 @@ fuzz: $(STAMP)
 schema: $(STAMP)
 	$(BIN)/nebosvod schema > scenarios/nebosvod.schema.json
 	$(BIN)/nebosvod schema --fit > scenarios/fit.schema.json
+	$(BIN)/nebosvod schema --study > scenarios/study.schema.json
 	$(BIN)/python tools/mission_reference.py
 
 hooks: $(STAMP)

@@ -1,103 +1,148 @@
-"""Map-aided navigation by the combined algorithm, against a dense-grid Bayesian reference.
+"""Map-aided navigation by the combined algorithm, beside extended and iterated Kalman filters and a particle filter.
 
-An inertial system drifts in two coordinates; a sensor measures a scalar field (a map) with a slowly varying error
-of its own. A grid block takes the map in, its moments become one linear measurement, and a Kalman filter of
-position and velocity errors takes that. km, hours.
+An inertial system drifts in two coordinates; an echo sounder measures the height of the bottom below it, every two
+minutes one height and every ten a frame of 5 x 5, with a slowly varying error of its own. The map is relief.asc. The
+Kalman filters linearise it where they believe to be. State: error of position (km), of velocity (km/h), of sounder (m).
 """
 
+import sys
+from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
+from scipy.interpolate import RectBivariateSpline
 
 from nebosvod.estimation.filters import kalman
-from nebosvod.estimation.filters.combined import GridBlock, equivalent_measurement
+from nebosvod.estimation.filters.block_loop import Condensed, Step, follow
 from nebosvod.estimation.filters.kalman import Belief
 
 Array = npt.NDArray[np.float64]
+STEP, MEASUREMENTS = 1.0 / 30.0, 60  # h
+SPEED, NOISE, TAU, SOUNDER = np.array([12.0, 3.0]), 30.0, 0.5, 15.0  # km/h, m, h, m
+SIGMA_V, Q_V = 0.5, 0.1  # km/h, (km/h)^2 / h
+FRAME = np.stack(np.meshgrid(*[np.linspace(-0.8, 0.8, 5)] * 2, indexing="ij"), axis=-1).reshape(-1, 2)
+CELL, LOST = 0.7, 1.0  # km: the map changes over so much; an error that counts as lost
+
+
+def read_map(path: Path) -> RectBivariateSpline:
+    """Read an ESRI ASCII grid; a smooth surface over (x, y), km."""
+    lines = path.read_text("utf-8").splitlines()
+    head = {word: float(value) for word, value in (line.split() for line in lines[:6])}
+    rows = np.array([line.split() for line in lines[6:]], dtype=np.float64)[::-1]  # from the south
+    x = head["xllcenter"] + head["cellsize"] * np.arange(head["ncols"])
+    y = head["yllcenter"] + head["cellsize"] * np.arange(head["nrows"])
+    return RectBivariateSpline(x, y, rows.T)
+
+
+MAP = read_map(Path(__file__).with_name("relief.asc"))
 
 
 @dataclass(frozen=True)
-class Navigation:
-    """Position error (2,) and its belief: by the combined algorithm and by the dense reference; the truth."""
+class Sail:
+    """One voyage: the filter's steps, map values with their partials, the truth (n, 5), the belief at the start."""
 
-    combined: Belief
-    reference_mean: Array
-    reference_covariance: Array
+    steps: list[Step]
+    measures: list[Callable[[Array], tuple[Array, Array]]]
     truth: Array
+    start: Belief
 
 
-def height(position: Array) -> Array:
-    """The map: a field with several scales, position (..., 2) in km, height in m."""
-    x, y = position[..., 0], position[..., 1]
-    field: Array = (
-        80.0 * np.sin(0.9 * x + 0.3 * y) + 60.0 * np.cos(0.4 * x - 1.1 * y) + 15.0 * np.sin(2.3 * x * 0.7 + y)
-    )
-    return field
+def sail(rng: np.random.Generator, prior: float) -> Sail:
+    """Draw a voyage that begins with a position error of `prior` km in each coordinate."""
+    decay = np.exp(-STEP / TAU)
+    F = np.eye(5)
+    F[0, 2] = F[1, 3] = STEP
+    F[4, 4] = decay
+    Q = np.diag([0.0, 0.0, Q_V * STEP, Q_V * STEP, SOUNDER**2 * (1.0 - decay**2)])
+    sigma = np.array([prior, prior, SIGMA_V, SIGMA_V, SOUNDER])
+    x, steps, measures, truth = sigma * rng.normal(size=5), [], [], []
+    for k in range(MEASUREMENTS):
+        x = F @ x + np.sqrt(np.diag(Q)) * rng.normal(size=5)
+        seen = SPEED * STEP * k + (FRAME if k % 5 == 4 else np.zeros((1, 2)))
+        p = len(seen)
+        H = np.zeros((p, 3))
+        H[:, 2] = 1.0
+
+        def predict(nodes: Array, seen: Array = seen) -> Array:
+            where = nodes[:, None] + seen
+            return np.asarray(MAP.ev(where[..., 0], where[..., 1]))
+
+        def measure(at: Array, seen: Array = seen, H: Array = H) -> tuple[Array, Array]:
+            px, py = (at[:2] + seen).T
+            slope = np.stack([MAP.ev(px, py, dx=1), MAP.ev(px, py, dy=1)], axis=1)
+            return MAP.ev(px, py) + H @ at[2:], np.hstack([slope, H])
+
+        observed = predict(x[None, :2])[0] + x[4] + NOISE * rng.normal(size=p)
+        steps.append(Step(F=F, Q=Q, observed=observed, predict=predict, H=H, R=NOISE**2 * np.eye(p)))
+        measures.append(measure)
+        truth.append(x)
+    return Sail(steps, measures, np.array(truth), Belief.of(np.zeros(5), np.diag(sigma**2)))
 
 
-def track(t: float) -> Array:
-    """Position the inertial system believes, km."""
-    return np.array([12.0 * t, 5.0 * t])
+def combined(voyage: Sail) -> list[Condensed]:
+    """The combined algorithm: blocks along the voyage."""
+    return list(follow(voyage.start, voyage.steps, 2, cell=CELL))
 
 
-def navigate(rng: np.random.Generator, n: int = 25, step: float = 0.04, sigma: float = 8.0) -> Navigation:
-    """Fly, measure n heights, and estimate the position error at the end of the interval."""
-    prior = np.diag([1.0, 1.0, 0.05**2, 0.05**2])  # position and velocity error of the inertial system
-    error_prior, tau = 10.0, 1.0  # sensor error: Gauss-Markov, m, hours
-    decay = np.exp(-step / tau)
-    truth = np.linalg.cholesky(prior) @ rng.normal(size=4)
-    epsilon = error_prior * rng.normal()
-    belief = Belief.of(np.zeros(4), prior)
-    # Over the interval the position error is constant but for the drift of the velocity error, which is small.
-    start = Belief.of(np.zeros(3), np.diag([prior[0, 0], prior[1, 1], error_prior**2]))
-    block = GridBlock.of_prior(start, 2, points=181, reach=4.5)
-    logs, nodes, weights = [], [], []
-    for k in range(n):
-        t = k * step
-        if k:
-            noise = error_prior * np.sqrt(1.0 - decay**2)
-            epsilon = decay * epsilon + noise * rng.normal()
-            block = block.move(np.array([[decay]]), np.array([[noise**2]]))
-        observed = np.array([height(track(t) + truth[:2]) + epsilon + sigma * rng.normal()])
-        logs.append(observed[0])
-        block = block.update(observed, height(track(t) + block.nodes)[:, None], np.eye(1), sigma**2 * np.eye(1))
-    found = block.moments()
-    marginal = Belief.of(found.mean[:2], found.covariance[:2, :2])
-    # the block's prior is the filter's own marginal, so that nothing is counted twice
-    linear = equivalent_measurement(Belief.of(belief.mean[:2], prior[:2, :2]), marginal)
-    H = np.hstack([linear.H, np.zeros((len(linear.y), 2))])
-    combined, _ = kalman.update(belief, linear.y - H @ belief.mean, H, linear.R)
-    nodes, weights = _reference(np.array(logs), step, sigma, error_prior, decay, prior)
-    mean = weights @ nodes
-    away = nodes - mean
-    return Navigation(combined, mean, (weights[:, None] * away).T @ away, truth)
+def extended(voyage: Sail, iterations: int = 1) -> Belief:
+    """An extended Kalman filter, iterated or not, at the end."""
+    belief = voyage.start
+    for step, measure in zip(voyage.steps, voyage.measures):
+        belief = kalman.predict(belief, step.F, step.Q)
+        if iterations > 1:
+            belief, _, _ = kalman.iterated_update(belief, step.observed, measure, step.R, limit=iterations)
+            continue
+        value, H = measure(belief.mean)
+        belief, _ = kalman.update(belief, step.observed - value, H, step.R)
+    return belief
 
 
-def _reference(
-    observed: Array, step: float, sigma: float, error_prior: float, decay: float, prior: Array
-) -> tuple[Array, Array]:
-    """Posterior over a dense grid of the position error with the sensor error's full covariance in time."""
-    axis = np.linspace(-4.5, 4.5, 361)
-    nodes = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2) * np.sqrt(np.diag(prior)[:2])
-    lag = np.abs(np.subtract.outer(np.arange(len(observed)), np.arange(len(observed))))
-    L = np.linalg.cholesky(error_prior**2 * decay**lag + sigma**2 * np.eye(len(observed)))
-    predicted = np.stack([height(track(k * step) + nodes) for k in range(len(observed))])
-    white = np.linalg.solve(L, observed[:, None] - predicted)
-    logs = -0.5 * np.sum(white**2, axis=0) - 0.5 * np.sum(nodes**2 / np.diag(prior)[:2], axis=1)
-    weights = np.exp(logs - logs.max())
-    return nodes, weights / weights.sum()
+def particles(voyage: Sail, rng: np.random.Generator, count: int = 2000) -> Belief:
+    """A bootstrap particle filter with systematic resampling, at the end; mean and covariance of the cloud."""
+    x = voyage.start.mean + rng.normal(size=(count, 5)) @ voyage.start.factor.T
+    for step in voyage.steps:
+        x = x @ step.F.T + rng.normal(size=(count, 5)) * np.sqrt(np.diag(step.Q))
+        miss = (step.observed - step.predict(x[:, :2]) - x[:, 4:]) / NOISE
+        logs = -0.5 * np.sum(miss**2, axis=1)
+        weight = np.exp(logs - logs.max())
+        edges = np.cumsum(weight) / weight.sum()
+        x = x[np.searchsorted(edges, (np.arange(count) + rng.uniform()) / count).clip(max=count - 1)]
+    return Belief.of(x.mean(axis=0), np.cov(x.T) + 1e-12 * np.eye(5))
 
 
-def main() -> None:
-    """Print the position error found by both."""
-    found = navigate(np.random.default_rng(5))
-    sigma = np.sqrt(np.diag(found.combined.covariance))[:2]
-    reference = np.sqrt(np.diag(found.reference_covariance))
-    print("truth              ", np.round(found.truth[:2], 3))
-    print("combined algorithm ", np.round(found.combined.mean[:2], 3), "+-", np.round(sigma, 3))
-    print("dense reference    ", np.round(found.reference_mean, 3), "+-", np.round(reference, 3))
+METHODS: dict[str, Callable[[Sail, np.random.Generator], Belief]] = {
+    "combined": lambda voyage, rng: combined(voyage)[-1].belief,
+    "extended": lambda voyage, rng: extended(voyage),
+    "iterated": lambda voyage, rng: extended(voyage, 20),
+    "particles": particles,
+}
+
+
+def compare(prior: float, runs: int, methods: tuple[str, ...] = tuple(METHODS)) -> dict[str, tuple[float, float, int]]:
+    """For each method: rms of the position error at the end (km), mean NEES / 2, and runs lost by more than 1 km."""
+    errors: dict[str, list[tuple[float, float]]] = {name: [] for name in methods}
+    for seed in range(runs):
+        voyage = sail(np.random.default_rng([seed, round(100 * prior)]), prior)
+        for name in methods:
+            found = METHODS[name](voyage, np.random.default_rng(seed))
+            away = found.mean[:2] - voyage.truth[-1, :2]
+            errors[name].append((float(away @ away), float(away @ np.linalg.solve(found.covariance[:2, :2], away))))
+    table = {}
+    for name, rows in errors.items():
+        square, nees = np.array(rows).T
+        table[name] = (float(np.sqrt(square.mean())), float(nees.mean() / 2.0), int(np.sum(square > LOST**2)))
+    return table
+
+
+def main(runs: int = 1) -> None:
+    """Print the table; 100 runs take ten minutes: python examples/map_navigation.py 100."""
+    print("prior   method       rms    NEES/2  lost")
+    for prior in (0.15, 1.0, 2.5):
+        for name, (rms, nees, lost) in compare(prior, runs).items():
+            print(f"{prior:4.2f} km {name:10s} {rms:6.3f} km {nees:8.2f} {lost:4d}")
 
 
 if __name__ == "__main__":
-    main()
+    main(*map(int, sys.argv[1:]))

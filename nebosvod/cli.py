@@ -46,6 +46,7 @@ VERBS = {
     "risk": "How probable it is that an orbit hits.",
     "run": "Run a mission; write its folder and report.",
     "schema": "Print the JSON Schema of the mission file.",
+    "study": "Vary a mission over many points; one table, one answer.",
     "validate": "Simulate many times: can the sigmas be believed?",
 }
 TOGETHER = {"init": "start", "missions": "start", "schema": "start"}  # verbs that share a file
@@ -90,6 +91,7 @@ def app() -> None:
         nebosvod validate my.yaml         can its sigmas be believed?
         nebosvod plan my.yaml -p NAME     what to measure next
         nebosvod compare DIR DIR          runs side by side
+        nebosvod study STUDY.yaml         thousands of missions, one answer
         nebosvod fit FILE...              an orbit from real observations
         nebosvod ephemeris ORBIT ...      where it is seen, and how well that is known
         nebosvod elements ORBIT           its elements at a date, with sigmas

@@ -41,6 +41,7 @@ COMMANDS = (
     "report",
     "risk",
     "schema",
+    "study",
     "validate",
     "plan",
     "compare",

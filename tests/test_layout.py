@@ -108,6 +108,7 @@ ROOMS = (
     "nebosvod/report/kit",
     "nebosvod/report/run",
     "nebosvod/report/fit",
+    "nebosvod/report/risk",
     "nebosvod/report",
     "nebosvod/pipeline",
     "nebosvod/studies",

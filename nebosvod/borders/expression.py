@@ -48,7 +48,8 @@ def _root_of_squares(*parts: Value) -> Value:
 def _arc_tangent_2(y: Value, x: Value) -> Value:
     """Angle of (x, y): of the smaller ratio, which has the derivatives of both."""
     steep = np.abs(np.real(y)) > np.abs(np.real(x))
-    bottom, top = np.where(steep, y, x), np.where(steep, x, y)
+    bottom: Value = np.where(steep, y, x)
+    top: Value = np.where(steep, x, y)
     slope = np.arctan(top / np.where(bottom == 0.0, 1.0, bottom))
     value = np.arctan2(np.real(y), np.real(x))
     moved = np.where(steep, -slope, slope)

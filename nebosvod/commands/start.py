@@ -36,9 +36,18 @@ def missions() -> int:
 
 @click.command()
 @click.option("--fit", "of_fit", is_flag=True, help="Of a file for nebosvod fit.")
-def schema(of_fit: bool) -> int:
+@click.option("--study", "of_study", is_flag=True, help="Of a file for nebosvod study.")
+def schema(of_fit: bool, of_study: bool) -> int:
     """Print the JSON Schema of the mission file."""
     from nebosvod.mission.reading.schema import fit_schema, mission_schema
 
-    click.echo(json.dumps(fit_schema() if of_fit else mission_schema(), indent=2, ensure_ascii=False))
+    if of_fit and of_study:
+        raise InputError("--fit and --study: one file at a time")
+    if of_study:
+        from nebosvod.studies.question import study_schema
+
+        made = study_schema()
+    else:
+        made = fit_schema() if of_fit else mission_schema()
+    click.echo(json.dumps(made, indent=2, ensure_ascii=False))
     return 0

@@ -29,7 +29,7 @@ from nebosvod.mission.request import OWN_GAIN
 from nebosvod.mission.vocabulary import PLANES
 from nebosvod.results.result import json_text
 from nebosvod.scene.prior import STATE_NAMES
-from nebosvod.studies.campaign import NIS_ROWS, Campaign, CampaignFolder
+from nebosvod.studies.campaign import NIS_ROWS, RESULT, Campaign, CampaignFolder
 from nebosvod.studies.outcomes import Direction
 from nebosvod.studies.trust import Claim, Judgement, judge
 from nebosvod.studies.verdict_rows import judgement
@@ -112,7 +112,7 @@ def validate(
         who = workers if isinstance(workers, Workers) else Workers(count=workers)
         run_tasks("nebosvod.studies.campaign:open_campaign", {"campaign": asdict(campaign)}, missing, who, keep)
         found = summary(setting, campaign, runs, held.collected(runs), left_out)
-        held.publish(json_text(found))
+        held.publish({RESULT: json_text(found).encode("utf-8")})
     return found
 
 

@@ -5,7 +5,16 @@ from typing import Any
 import numpy as np
 from turned_units import STATE, case, problem  # type: ignore[import-not-found]
 
-from nebosvod.estimation.filters import combined, consider, current_state, kalman, smoother, two_stage
+from nebosvod.estimation.filters import (
+    block_loop,
+    combined,
+    consider,
+    current_state,
+    kalman,
+    refinement,
+    smoother,
+    two_stage,
+)
 from nebosvod.estimation.filters.kalman import Belief
 from nebosvod.estimation.solvers import batch
 
@@ -215,4 +224,37 @@ def combined_algorithm(units):
         "effective": [block.effective, grid.effective],
         "grid": beliefs([grid.moments()], u[:2])["P"],
         "ready": [combined.ready(flat, 2, size * units.length) for size in (0.2, 0.4)],
+    }
+
+
+@case("refinement.refine", "refinement.Refined", "block_loop.follow", "block_loop.Step", "block_loop.Condensed")
+def loop_of_blocks(units):
+    u, F, Q, _, R, _, prior = system(units, steps=7)
+    H = np.array([[0.5], [-1.0]]) * units.m[:, None] / u[2]
+
+    def predict(nodes):
+        x = nodes / u[:2]
+        return np.stack([x[:, 0] + 0.1 * x[:, 0] ** 2, np.sin(x[:, 1]) + x[:, 1]], axis=1) * units.m
+
+    steps = [
+        block_loop.Step(F=f, Q=q, observed=np.array([1.0, 0.2]) * units.m, predict=predict, H=H, R=R[0], shift=0.1 * u)
+        for f, q in zip(F, Q)
+    ]
+    found = list(block_loop.follow(prior, steps, 2, cell=0.5 * u[:2]))
+    length = Belief.of(np.zeros(2), np.array([[1.0, 0.3], [0.3, 0.5]]) * units.length**2)
+
+    def evaluate(nodes):
+        x = nodes / units.length
+        logs = -0.5 * np.sum(np.linalg.solve(length.factor, nodes.T) ** 2, axis=0) - 50.0 * (x[:, 0] - x[:, 1]) ** 2
+        return combined.GridBlock(
+            nodes=nodes, log_weight=logs, mean=np.zeros((len(nodes), 0)), covariance=np.zeros((0, 0))
+        )
+
+    grid = refinement.refine(evaluate, length, cell=np.array([0.5, 0.4]) * units.length)
+    beliefs_after = beliefs([one.belief for one in found] + [one.before for one in found], u)
+    return beliefs_after | {
+        "blocks": [[one.first, one.last, one.rows] for one in found],
+        "dQ": [matrix / np.outer(u[:2], u[:2]) for one in found for matrix in (one.dQ, one.drift)],
+        "refined": beliefs([grid.block.moments()], np.full(2, units.length))["P"],
+        "quality": [grid.effective, grid.stages, grid.steepness, grid.rim],
     }

@@ -2,6 +2,7 @@
 
 import ast
 import importlib.util
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 
@@ -77,17 +78,46 @@ def test_the_attitude_filter_converges_and_is_consistent():
     assert 0.5 < mean < 1.6  # errors of one flight are correlated: a loose bound
 
 
-def test_the_combined_algorithm_agrees_with_the_dense_reference():
+@pytest.mark.parametrize("seed", [5, 9])  # after 20 minutes the position is one bump there
+def test_blocks_over_a_map_agree_with_a_great_many_particles(seed):
+    """The first 20 minutes from a prior of 1 km: moments of 50 000 particles that know nothing of blocks."""
     example = load("map_navigation")
-    errors = []
-    for seed in range(6):
-        found = example.navigate(np.random.default_rng(seed))
-        sigma = np.sqrt(np.diag(found.reference_covariance))
-        assert np.max(np.abs(found.combined.mean[:2] - found.reference_mean) / sigma) < 0.15
-        ratio = np.sqrt(np.diag(found.combined.covariance))[:2] / sigma
-        assert np.all((ratio > 0.85) & (ratio < 1.15))
-        errors.append((found.combined.mean[:2] - found.truth[:2]) / sigma)
-    assert np.sqrt(np.mean(np.square(errors))) < 2.0
+    voyage = example.sail(np.random.default_rng(seed), 1.0)
+    short = replace(voyage, steps=voyage.steps[:10], measures=voyage.measures[:10])
+    *_, last = example.combined(short)
+    cloud = example.particles(short, np.random.default_rng(0), 50_000)
+    unit = np.sqrt(np.diag(cloud.covariance))[:2]  # what one block says of rates is lost with its mean position
+    assert last.last == 9
+    assert np.max(np.abs(last.belief.mean - cloud.mean)[:2] / unit) < 0.25
+    ratio = np.sqrt(np.diag(last.belief.covariance))[:2] / unit
+    assert np.all((ratio > 0.85) & (ratio < 1.2))
+
+
+def require_table(example: ModuleType, runs: int) -> dict[float, dict[str, tuple[float, float, int]]]:
+    """The comparison at three priors; what holds for any number of runs."""
+    table = {prior: example.compare(prior, runs, ("combined", "extended")) for prior in (0.15, 1.0, 2.5)}
+    for prior, rows in table.items():
+        rms, nees, lost = rows["combined"]
+        assert lost == 0, prior
+        assert rms < 0.30
+        assert nees < 2.2
+    return table
+
+
+def test_the_combined_algorithm_loses_no_run_where_the_extended_filter_does():
+    table = require_table(load("map_navigation"), 3)
+    assert table[2.5]["extended"][0] > 1.0
+    assert table[2.5]["extended"][1] > 50.0
+
+
+@pytest.mark.long
+def test_a_hundred_voyages_at_each_prior():
+    table = require_table(load("map_navigation"), 100)
+    for prior in table:
+        rms, nees, _ = table[prior]["combined"]
+        assert rms < 0.205
+        assert 0.8 < nees < 1.3  # 99.9 % of chi-square with 200 degrees of freedom: 0.70 to 1.37
+    assert table[1.0]["extended"][1] > 50.0
 
 
 def test_a_short_arc_is_condensed_as_a_dense_grid_has_it_and_honestly():

@@ -2,13 +2,14 @@
 
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from itertools import islice
 from pathlib import Path
 
 from pydantic import ValidationError
 
 from nebosvod.errors import InputError
+from nebosvod.mission.editing import edited
 from nebosvod.mission.fields import KeyPath
 from nebosvod.mission.fit import FitMission
 from nebosvod.mission.model import Mission
@@ -144,6 +145,55 @@ def _load(file: YamlFile, path: Path | None) -> Mission | FitMission:
     mission._path, mission._text, mission._as_read = path, file.text, dict(mission.__dict__)
     mission._read_again = _read_again
     return mission
+
+
+class Editable:
+    """The tree of a mission, `like` and files resolved once, from which many missions are made by changing places.
+
+    Parameters
+    ----------
+    mission : one that was read.
+    """
+
+    def __init__(self, mission: Mission) -> None:
+        tree, _, _ = resolve_like(parse_yaml(mission.text, mission.name))
+        rows = tree.get("telescopes") if isinstance(tree, dict) else None
+        if not isinstance(tree, dict) or not isinstance(rows, list):
+            raise InputError(f"{shown(mission.name)}: has no telescopes to vary")
+        plain = [{k: v for k, v in row.items() if k != "like"} if isinstance(row, dict) else row for row in rows]
+        self._tree: dict[str, Tree] = {**tree, "telescopes": plain}
+        self._mission = mission
+
+    def edited(self, changes: Mapping[str, Tree]) -> Mission:
+        """The mission with other values at some paths (`mission.editing.edited`), checked as a file is.
+
+        What only flying the orbit tells (a start inside a body) is left to whoever flies it; its text is made when
+        asked for.
+
+        Raises
+        ------
+        InputError
+            With one line for each thing that is wrong, `field: what; hint`.
+        """
+        tree: Tree = self._tree
+        for place, value in changes.items():
+            tree = edited(tree, place, value)
+        path = self._mission.path
+        whole, found = resolve_files(tree if isinstance(tree, dict) else {}, path.parent if path is not None else None)
+        file = YamlFile(self._mission.name, "", tree)
+        explainer = Explainer(file, whole, {}, Mission)
+        problems = [explainer.problem(*item) for item in found]
+        try:
+            mission = Mission.model_validate(whole)
+        except ValidationError as error:
+            problems += explainer.explain(error)
+        else:
+            wrong = [*rules.complaints(mission), *cost.complaints(mission)]
+            problems += [explainer.problem(*item) for item in wrong]
+        if problems:
+            raise InputError("\n".join(dict.fromkeys(one.text for one in problems)))
+        mission._path, mission._read_again = path, _read_again
+        return mission
 
 
 def _planned_keys(tree: dict[str, Tree]) -> Iterator[tuple[KeyPath, str]]:

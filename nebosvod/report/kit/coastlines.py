@@ -104,5 +104,5 @@ def _cut_by(points: Array, inside: npt.NDArray[np.bool_], axis: int, edge: float
     part = (edge - points[:, axis]) / np.where(crosses, step, 1.0)
     meeting = points + part[:, None] * (following - points)
     meeting[:, axis] = edge
-    pairs: Array = np.stack([points, meeting], axis=1).reshape(-1, 2)
-    return pairs[np.stack([inside, crosses], axis=1).ravel()]
+    pairs = np.stack([points, meeting], axis=1).reshape(-1, 2)
+    return np.asarray(pairs[np.stack([inside, crosses], axis=1).ravel()])

@@ -21,7 +21,7 @@ from nebosvod.report.kit.wording import count
 
 Array = npt.NDArray[np.float64]
 Box = tuple[float, float, float, float]  # low and high of x, low and high of y, km
-WIDTH, LEFT, SIDE, TALLEST = 366.0, 62.0, 291.0, 380.0  # px; 10.5 px texts then read at 10.3 px on a phone
+WIDTH, LEFT, SIDE, TALLEST = 358.0, 62.0, 283.0, 380.0  # px; 10.5 px texts read at 10 px or more on a phone of 390
 FAR = 6.0  # an ellipse (3 sigma) so many times larger or smaller than the disc needs a second figure
 DISC, RING = "#cfd8e3", "#4a5a6a"
 LEVELS = (1.0, 3.0)

@@ -23,7 +23,7 @@ from nebosvod.report.kit.scale import Scale, round_step, tick_text
 from nebosvod.report.kit.wording import NBSP, number
 
 Array = npt.NDArray[np.float64]
-WIDTH, LEFT, RIGHT = 366.0, 53.0, 21.0  # px; 10.5 px texts then read at 10.3 px on a phone
+WIDTH, LEFT, RIGHT = 358.0, 53.0, 21.0  # px; 10.5 px texts read at 10 px or more on a phone of 390
 LAND, SHORE = "#a8a290", "#8b8675"
 EDGE_DEG = 20.0  # nearer than this to the edge of the sheet, what is shown moves to its middle
 SMALL_DEG = 40.0  # what is smaller than this on the map of the world is shown enlarged as well

@@ -1,0 +1,95 @@
+"""What `nebosvod study` says on the terminal."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import click
+
+from nebosvod.errors import counted
+from nebosvod.studies.axes import Axis
+from nebosvod.studies.question import Study
+from nebosvod.studies.sampling import Points
+from nebosvod.studies.study import evaluate_row, plan, require_possible
+
+
+def print_check(study: Study, workers: int) -> None:
+    """What a study means, and what it will cost."""
+    require_possible(study, workers)
+    click.echo(f"{study.title}: mission {study.mission.name}")
+    for axis in study.axes:
+        click.echo(f"  vary {axis.name}: {', '.join(axis.paths)}: {_values(axis, study.points)}")
+    click.echo(f"  {_how(study)}")
+    status, message, found = evaluate_row(study, 0)
+    for asked, value in zip(study.answers, found):
+        said = "shares of every source" if asked.shares else f"{_number(value)} {asked.unit}".strip()
+        click.echo(f"  answer {asked.name}: {asked.of}: {said if status != 'failed' else 'none'} at the first point")
+    if message:
+        click.echo(f"notice: the first point: {message}", err=True)
+    click.echo(f"cost: {plan(study, workers).words()} with {counted(workers, 'worker')}")
+
+
+def _how(study: Study) -> str:
+    sample, drawn = study.sample, f", each drawn {counted(study.drawn, 'time')}" if study.drawn else ""
+    if sample.method == "grid":
+        return f"grid of {counted(study.points.count, 'point')}{drawn}"
+    if sample.method == "sobol":
+        return (
+            f"Sobol sample of {sample.n:,} base points, {counted(study.points.count, 'point')} for sensitivity indices"
+            f"{drawn}"
+        )
+    return f"Latin hypercube of {counted(study.points.count, 'point')}{drawn}"
+
+
+def _values(axis: Axis, points: Points) -> str:
+    if not axis.is_range:
+        shown = [str(value) for value in axis.values]
+        return ", ".join(shown) if len(shown) <= 8 else f"{', '.join(shown[:3])} ... {shown[-1]} ({len(shown)})"
+    how = "in the logarithm" if axis.log else "evenly"
+    steps = f"{axis.steps} values" if points.sample.method == "grid" else "sampled"
+    return f"{axis.low:.6g} to {axis.high:.6g} {axis.unit}, {steps} {how}"
+
+
+def print_study(found: Mapping[str, Any], folder: Path) -> None:
+    """What a study found."""
+    click.echo(f"{found['title']}: {counted(found['n_points'], 'point')} of mission {found['mission']['name']}")
+    for one in found["answers"]:
+        if one["shares"]:
+            said = ", ".join(f"{name} at {count}" for name, count in list(one["leading"].items())[:4])
+            click.echo(f"  {one['name']}: largest share: {said or 'none'}")
+        elif one["n"]:
+            low, middle, high = (_number(one[key]) for key in ("least", "median", "largest"))
+            click.echo(f"  {one['name']}: {low} to {high} {one['unit']}".rstrip() + f", median {middle}")
+        else:
+            click.echo(f"  {one['name']}: no value at any point")
+    for one in found["slopes"]:
+        click.echo(
+            f"  slope of {one['answer']}: {one['at_least']:+.2f} at the low end, {one['at_largest']:+.2f} at the high"
+        )
+    for one in found["sensitivity"]:
+        ranked = sorted(one["indices"], key=lambda row: -row["total"])
+        said = ", ".join(f"{row['name']} {row['first_order']:.2f} (total {row['total']:.2f})" for row in ranked)
+        click.echo(f"  {one['answer']} is moved by: {said or 'nothing that can be told'}")
+    if found["find"]:
+        click.echo(f"found: {found_words(found)}")
+    lost = found["n_failed"] + found["n_without_answer"]
+    if lost:
+        click.echo(f"{counted(lost, 'point')} of {found['n_rows']} failed or have no answer, such as:", err=True)
+        for one in found["failures"][:3]:
+            click.echo(f"  row {one['row']}: {one['message']}", err=True)
+    click.echo(f"table and study.json: {folder}")
+
+
+def found_words(found: Mapping[str, Any]) -> str:
+    """The point that is looked for, in a sentence."""
+    find = found["find"]
+    if not find["found"]:
+        return f"no point keeps every condition: {find['reason']}"
+    units = {one["name"]: one["unit"] for one in (*found["vary"], *found["answers"])}
+    shown = [f"{name} {_number(value)} {units.get(name, '')}".strip() for name, value in find["values"].items()]
+    what = "least" if find["direction"] == "minimise" else "largest"
+    return f"{what} {find['objective']} of {counted(find['n_feasible'], 'point')} that will do: {', '.join(shown)}"
+
+
+def _number(value: Any) -> str:
+    return f"{value:.4g}" if isinstance(value, float | int) else str(value)

@@ -1,0 +1,202 @@
+"""Figures of a risk: target plane, corridor, ways side by side, budget of the probability, its history."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from markupsafe import Markup
+
+from nebosvod.dynamics.surface import SURFACE_KM
+from nebosvod.report.kit.chart import Chart
+from nebosvod.report.kit.coastlines import on_land
+from nebosvod.report.kit.download import csv
+from nebosvod.report.kit.plate import BLUE, GREY, INK, SERIES, VERMILION, Plate, thin
+from nebosvod.report.kit.scale import calendar, linear, logarithmic, named
+from nebosvod.report.kit.target import TargetView, target_plates
+from nebosvod.report.kit.wording import count, percent, quantity
+from nebosvod.report.kit.worldmap import Corridor, maps
+from nebosvod.report.risk.words import body_name, chance, impactor_name, way_name
+from nebosvod.timescale import SECONDS_PER_DAY, Epoch
+
+Array = npt.NDArray[np.float64]
+Item = Mapping[str, Any]
+Arrays = Mapping[str, npt.NDArray[Any]]
+WIDTH = 358.0  # px; 10.5 px texts read at 10 px or more on a phone of 390
+MOST_DRAWN = 3000
+WIDE = 30.0  # probabilities that differ by more than this factor need a logarithmic axis
+
+
+def shown_draws(arrays: Arrays, which: npt.NDArray[np.bool_]) -> npt.NDArray[np.intp]:
+    """Numbers of draws to show: of equal weights all of some, of others as many of each as it weighs."""
+    numbers = np.flatnonzero(which)
+    weights = np.asarray(arrays["weights"], dtype=np.float64)[numbers]
+    if not len(numbers) or np.ptp(weights) <= 1e-9 * weights.max():
+        return numbers[thin(len(numbers), MOST_DRAWN)]
+    steps = (np.arange(MOST_DRAWN // 2) + 0.5) / (MOST_DRAWN // 2)
+    found = np.searchsorted(np.cumsum(weights) / weights.sum(), steps)
+    return np.unique(numbers[np.minimum(found, len(numbers) - 1)])
+
+
+def plane_plates(row: Item, arrays: Arrays) -> list[Plate]:
+    """The target plane of one virtual impactor."""
+    k, one = row["number"], row["approach"]
+    points, hits = np.asarray(arrays[f"xi_zeta_km_{k}"]), np.asarray(arrays[f"hits_{k}"], dtype=np.bool_)
+    chosen = shown_draws(arrays, np.isfinite(points).all(axis=1))
+    other = np.asarray(arrays["hit_body"])[chosen] != ""
+    fates = np.where(hits[chosen], "hit", np.where(other, "other", "miss"))
+    grazes = arrays.get(f"grazes_{k}")
+    if grazes is not None:
+        fates = np.where(np.asarray(grazes, dtype=np.bool_)[chosen] & ~hits[chosen], "graze", fates)
+    centre, K = _ellipse(one)
+    view = TargetView(
+        body=row["body"], radius_km=SURFACE_KM[row["body"]], capture_km=float(arrays[f"capture_radius_km_{k}"]),
+        centre=centre, covariance=K, points=points[chosen], fates=fates, line=arrays.get(f"line_xi_zeta_km_{k}"),
+    )  # fmt: skip
+    caption = Markup(
+        "The b-plane of the encounter at one scale: {} (radius {}), the dashed circle that its pull makes of it ({}), "
+        "and {} drawn orbits by their fate."
+    ).format(body_name(row["body"]), quantity(view.radius_km, "km", 4), quantity(view.capture_km, "km", 4), len(chosen))
+    if K is not None:
+        caption += Markup(" The linear ellipse is {} × {} (1σ).").format(
+            quantity(one["semi_major_km"], "km"), quantity(one["semi_minor_km"], "km")
+        )
+    return target_plates(f"target-{k}", view, f"Target plane of {impactor_name(row)}", caption)
+
+
+def _ellipse(one: Item) -> tuple[Array | None, Array | None]:
+    """Centre and covariance of the linear ellipse of an approach."""
+    if one["xi_km"] is None or one["semi_major_km"] is None:
+        return None, None
+    angle = np.radians(one["angle_deg"])
+    along = np.array([np.cos(angle), np.sin(angle)])
+    across = np.array([-along[1], along[0]])
+    K = one["semi_major_km"] ** 2 * np.outer(along, along) + one["semi_minor_km"] ** 2 * np.outer(across, across)
+    return np.array([one["xi_km"], one["zeta_km"]]), K
+
+
+def corridor_plates(rows: Sequence[Item], arrays: Arrays) -> list[Plate]:
+    """Where the drawn orbits that hit the Earth come down, all virtual impactors on one map."""
+    corridors, land, drawn = [], 0, 0
+    place = np.stack([np.asarray(arrays["longitude_deg"]), np.asarray(arrays["latitude_deg"])], axis=1)
+    mine = [row for row in rows if row["body"] == "earth"]
+    for number, row in enumerate(mine):
+        hits = np.asarray(arrays[f"hits_{row['number']}"], dtype=np.bool_) & np.isfinite(place).all(axis=1)
+        points = place[shown_draws(arrays, hits)]
+        one, (color, marker) = row["approach"], SERIES[(number + 1) % len(SERIES)]
+        nominal = None if one["longitude_deg"] is None else (one["longitude_deg"], one["latitude_deg"])
+        name = "drawn orbits" if len(mine) == 1 else row["epoch_utc"][:10]
+        corridors.append(Corridor(name=name, points=points, nominal=nominal, color=color, marker=marker))
+        land, drawn = land + int(on_land(*points.T).sum()), drawn + len(points)
+    if not drawn and all(one.nominal is None for one in corridors):
+        return []
+    caption = Markup("Where the drawn orbits that hit come to the ground")
+    caption += Markup(", {} of {} on land.").format(percent(land / drawn), count(drawn, "place")) if drawn else "."
+    return maps("map-corridor", corridors, "Where it may come down", caption)
+
+
+def ways_plate(row: Item) -> Plate:
+    """Every way with its interval, the recommended one heavier."""
+    ways = row["ways"]
+    values = [v for way in ways for v in (way["probability"], way["low"] or None, way["high"]) if v]
+    wide = bool(values) and max(values) > WIDE * min(values)
+    factor = 1.0 if wide else 100.0
+    label = "probability" if wide else "probability, %"
+    x = (logarithmic if wide else linear)([factor * v for v in values] or [0.0, 1.0], label, pad=0.08)
+    high = 24.0 * len(ways)
+    chart = Chart(f"ways-{row['number']}", width=WIDTH, height=high + 46.0)
+    panel = chart.panel(x, named([way_name(way["way"]) for way in ways]), top=6.0, bottom=6.0 + high)
+    panel.open()
+    for i, way in enumerate(ways):
+        best = way["way"] == row["recommended"]
+        color, y = (VERMILION if best else BLUE), -float(i)
+        low = max(factor * way["low"], x.low)
+        panel.line([low, factor * way["high"]], [y, y], stroke=color, stroke_width=3.0 if best else 1.6)
+        if way["bound"]:
+            panel.dots([factor * way["high"]], [y], "|", way_name(way["way"]), color=color)
+        else:
+            name = f"{way_name(way['way'])}{', recommended' if best else ''}"
+            panel.dots([factor * way["probability"]], [y], "o", name, color=color, size=5.0)
+    panel.close()
+    keys = ("way", "probability", "low", "high", "draws", "hits", "effective_hits")
+    caption = Markup("The probability by each way with its 95 % interval; <b>{}</b> is the one to go by: {}.").format(
+        way_name(row["recommended"]), row["reason"]
+    )
+    columns = {key: [way[key] for way in ways] for key in keys}
+    return chart.plate(
+        f"Probability of {impactor_name(row)} by each way", caption, [csv(f"ways-{row['number']}", columns)]
+    )
+
+
+def budget_plate(row: Item) -> Plate | None:
+    """Elasticities of the probability with their errors."""
+    budget = row.get("budget") or {}
+    rows = (budget.get("rows") or [])[:12]
+    if not rows:
+        return None
+    key, error = ("log_odds", "log_odds_error") if rows[0]["log_odds"] is not None else (
+        "elasticity", "elasticity_error"
+    )  # fmt: skip
+    values = [v for one in rows for v in (one[key] - 2.0 * one[error], one[key] + 2.0 * one[error])]
+    what = "change of ln P" if key == "elasticity" else "change of ln P/(1 − P)"
+    high = 22.0 * len(rows)
+    chart = Chart(f"budget-{row['number']}", height=high + 46.0)
+    panel = chart.panel(
+        linear([*values, 0.0], f"{what} by that of ln sigma"), named([one["source"] for one in rows]), top=6.0,
+        bottom=6.0 + high,
+    )  # fmt: skip
+    panel.upright(0.0, stroke=INK, stroke_width=0.9)
+    panel.open()
+    for i, one in enumerate(rows):
+        panel.line([one[key] - 2.0 * one[error], one[key] + 2.0 * one[error]], [-i, -i], stroke=BLUE, stroke_width=2.0)
+        panel.dots([one[key]], [-float(i)], "o", one["source"], color=BLUE, size=5.0)
+    panel.close()
+    caption = Markup(
+        "What the probability hangs on: elasticity of each source with two standard errors. Above 0 the probability "
+        "falls as the source is made smaller; below 0 it grows, because the orbit is then better known to hit."
+    )
+    columns = {name: [one[name] for one in rows] for name in rows[0]}
+    return chart.plate("Elasticities of the probability by source", caption, [csv(f"budget-{row['number']}", columns)])
+
+
+def history_plate(history: Sequence[Item]) -> Plate | None:
+    """The probability after each night, and the sigma of the target plane then."""
+    if len(history) < 2:
+        return None
+    epochs = [Epoch.parse(one["until_utc"]) for one in history]
+    t = np.array([one - epochs[0] for one in epochs])
+    days, dates = t / SECONDS_PER_DAY, calendar(epochs[0], t, most=3.5)
+    low = np.array([one["low"] or one["probability"] or one["high"] for one in history])
+    top = np.array([one["high"] for one in history])
+    chart = Chart("history", width=WIDTH, height=0.0)
+    upper = chart.panel(
+        dates.silenced(), logarithmic([*low, *top], "probability"), top=8.0, bottom=150.0, left=62.0
+    )  # fmt: skip
+    upper.open()
+    known = np.array([not one["bound"] for one in history])
+    p = np.array([one["high"] if one["probability"] is None else one["probability"] for one in history])
+    for k in np.flatnonzero(known):
+        upper.line([days[k]] * 2, [max(low[k], upper.y.low), top[k]], stroke=BLUE, stroke_width=1.4)
+    upper.line(days[known], p[known], stroke=BLUE, stroke_width=1.0)
+    upper.dots(days[known], p[known], "o", "probability", color=BLUE, size=4.5)
+    upper.dots(days[~known], top[~known], "v", "below", color=GREY, size=4.0)
+    upper.close()
+    sigma = np.array([one["semi_major_km"] or np.nan for one in history])
+    lower = chart.panel(dates, logarithmic(sigma, "1σ, km"), top=164.0, bottom=234.0, left=62.0)
+    lower.open()
+    lower.line(days, sigma, stroke=INK, stroke_width=1.0)
+    lower.dots(days, sigma, "s", "long axis of the ellipse", color=INK, size=3.5)
+    lower.close()
+    entries: list[tuple[str, str, dict[str, Any]]] = [
+        ("o", "probability", {"color": BLUE}),
+        ("v", "only a bound", {"color": GREY}),
+        ("s", "long axis in the target plane, 1σ", {"color": INK}),
+    ]
+    chart.height = chart.legend(entries, 278.0)
+    names = ("until_utc", "n_observations", "probability", "low", "high", "semi_major_km")
+    columns = {name: [one.get(name) for one in history] for name in names}
+    last = history[-1]
+    caption = Markup("After each night: {} with all {}.").format(
+        chance(last), count(last["n_observations"], "observation")
+    )
+    return chart.plate("Probability after each night of observations", caption, [csv("history", columns)])

@@ -1,0 +1,156 @@
+"""Tables of a risk."""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+
+from nebosvod.report.kit.wording import DASH, moment, number, percent, quantity
+from nebosvod.report.risk.words import body_name, chance, way_name
+from nebosvod.report.run.tables import Cell, Table
+from nebosvod.timescale import Epoch
+
+Item = Mapping[str, Any]
+QUANTILES = [
+    ("first", 0.0),
+    ("5 %", 0.05),
+    ("25 %", 0.25),
+    ("median", 0.5),
+    ("75 %", 0.75),
+    ("95 %", 0.95),
+    ("last", 1.0),
+]
+
+
+def impactor_table(rows: Sequence[Item]) -> Table | None:
+    """Every virtual impactor, by date."""
+    if not rows:
+        return None
+    columns: list[tuple[str, str, Callable[[Item], Cell]]] = [
+        ("body", "l", lambda row: body_name(row["body"]).removeprefix("the ")),
+        ("time", "l", lambda row: moment(row["epoch_utc"])),
+        ("1σ", "r", lambda row: quantity(row["sigma_time_s"], "s")),
+        ("probability, 95 %", "r", chance),
+        ("by", "l", lambda row: way_name(row["recommended"])),
+        ("ν, sigmas", "r", lambda row: _plain(row.get("sigmas"))),
+        ("stretching, km/σ", "r", lambda row: _plain(row.get("stretching_km"))),
+        ("v∞", "r", lambda row: _speed(row["approach"]["v_infinity_km_s"])),
+        ("energy", "r", lambda row: DASH if row["energy_mt"] is None else f"{number(row['energy_mt'])} Mt"),
+        ("Palermo", "r", lambda row: DASH if row["palermo"] is None else f"{row['palermo']:.2f}".replace("-", "−")),
+        ("Torino", "r", lambda row: DASH if row["torino"] is None else str(row["torino"])),
+    ]
+    used = [c for c in columns if any(c[2](row) != DASH for row in rows)]
+    cells: list[tuple[Cell, ...]] = [tuple(make(row) for _, _, make in used) for row in rows]
+    return Table(
+        caption="Virtual impactors: sets of orbits inside the uncertainty that hit one body at one encounter.",
+        head=tuple(name for name, _, _ in used), align="".join(letter for _, letter, _ in used), rows=tuple(cells),
+    )  # fmt: skip
+
+
+def _plain(value: float | None) -> str:
+    return DASH if value is None else number(value)
+
+
+def _speed(value: float | None) -> str:
+    return DASH if value is None else f"{value:.2f} km/s"
+
+
+def ways_table(row: Item) -> Table:
+    """Every way: probability, orbits flown, hits, what limits it."""
+    cells: list[tuple[Cell, ...]] = []
+    for way in row["ways"]:
+        best = " (recommended)" if way["way"] == row["recommended"] else ""
+        drawn = f"{way['hits']} of {way['draws']}" if way["draws"] else DASH
+        effective = number(way["effective_hits"], 4) if way["draws"] else DASH
+        cells.append((way_name(way["way"]) + best, chance(way), drawn, effective, way["note"] or DASH))
+    head = ("way", "probability, 95 %", "hits", "effective hits", "note")
+    return Table(caption="The ways side by side; the target is the same for all.", head=head, align="lrrrw",
+                 rows=tuple(cells))  # fmt: skip
+
+
+def budget_table(row: Item) -> Table | None:
+    """Each source: elasticity, share along the line, and the probability if it were halved."""
+    budget = row.get("budget") or {}
+    rows = budget.get("rows") or []
+    if not rows:
+        return None
+    odds = rows[0]["log_odds"] is not None
+    cells: list[tuple[Cell, ...]] = [
+        (
+            one["source"],
+            _with_error(one["elasticity"], one["elasticity_error"]),
+            *([_with_error(one["log_odds"], one["log_odds_error"])] if odds else []),
+            DASH if one["share"] is None else percent(one["share"]),
+            _share_with_error(one["probability_if_halved"], one["probability_if_halved_error"]),
+        )
+        for one in rows
+    ]
+    head = ("source", "d ln P / d ln σ", *(["d ln P/(1−P) / d ln σ"] if odds else []), "share along the line",
+            "P if it were halved")  # fmt: skip
+    few = "" if budget["enough"] else " Too few hits for elasticities to be more than a hint."
+    nu = "" if budget["sigmas"] is None else f" The hits lie {number(budget['sigmas'])} sigmas along the line."
+    caption = Markup(
+        "What the probability of {} hangs on, by {} effective hits, with standard errors; the estimate stays.{}{}"
+    ).format(percent(budget["probability"]), number(budget["effective_hits"], 4), nu, few)  # fmt: skip
+    return Table(caption=caption, head=head, align="l" + "r" * (len(head) - 1), rows=tuple(cells))
+
+
+def _with_error(value: float, error: float) -> str:
+    digits = 2 if error < 0.5 else 1
+    return f"{value:+.{digits}f} ± {error:.{digits}f}".replace("-", "−")
+
+
+def _share_with_error(value: float, error: float) -> str:
+    return (
+        f"{100.0 * value:.2f} ± {100.0 * error:.2f} %" if value >= 1e-3 else f"{number(value, 2)} ± {number(error, 1)}"
+    )
+
+
+def encounter_table(row: Item) -> Table:
+    """What is known of the encounter of the estimate itself."""
+    one = row["approach"]
+    facts: list[tuple[str, Cell]] = [
+        ("time of the estimate", moment(one["epoch_utc"])),
+        ("1σ of it", quantity(one["sigma_time_s"], "s")),
+        ("distance from the centre", quantity(one["distance_km"], "km", 5)),
+        ("1σ of it", quantity(one["sigma_distance_km"], "km")),
+        ("ξ, ζ", Markup("{}, {}").format(quantity(one["xi_km"], "km", 6), quantity(one["zeta_km"], "km", 6))),
+        ("long axis of the ellipse, 1σ", quantity(one["semi_major_km"], "km", 4)),
+        ("short axis", quantity(one["semi_minor_km"], "km")),
+        ("its long axis from +ξ towards +ζ", quantity(one["angle_deg"], "deg", 4)),
+        ("capture radius", quantity(one["capture_radius_km"], "km", 5)),
+        ("v∞", _speed(one["v_infinity_km_s"])),
+    ]  # fmt: skip
+    if one["longitude_deg"] is not None:
+        facts.append(("the estimate comes down at", place(one["longitude_deg"], one["latitude_deg"])))
+    return Table(caption="The encounter of the estimate", head=("", "value"), align="lr", rows=tuple(facts))
+
+
+def corridor_table(row: Item, arrays: Mapping[str, Any], epoch_tdb: str) -> Table | None:
+    """Places along the corridor of the Earth by time: the first, the last and those between."""
+    if row["body"] != "earth":
+        return None
+    t_s, hits = np.asarray(arrays["hit_t_s"]), np.asarray(arrays[f"hits_{row['number']}"], dtype=np.bool_)
+    chosen = np.flatnonzero(hits & np.isfinite(t_s) & np.isfinite(arrays["longitude_deg"]))
+    if not len(chosen):
+        return None
+    chosen = chosen[np.argsort(t_s[chosen], kind="stable")]
+    start = Epoch.parse(epoch_tdb)
+    passed = np.cumsum(np.asarray(arrays["weights"])[chosen])
+    cells: list[tuple[Cell, ...]] = []
+    for name, part in QUANTILES if len(chosen) > 1 else [("the only one", 0.0)]:
+        k = chosen[min(int(np.searchsorted(passed, part * passed[-1])), len(chosen) - 1)]
+        cells.append((
+            name, (start + float(t_s[k])).iso("utc", 0).removesuffix(" UTC").replace("T", " "),
+            place(float(arrays["longitude_deg"][k]), float(arrays["latitude_deg"][k])),
+            f"{arrays['speed_km_s'][k]:.2f} km/s", f"{arrays['elevation_deg'][k]:.1f}°",
+        ))  # fmt: skip
+    head = ("of the hits", "UTC", "place on the ground, geodetic", "speed", "below the horizon")
+    return Table(caption="The corridor by time of impact", head=head, align="lllrr", rows=tuple(cells))
+
+
+def place(longitude_deg: float, latitude_deg: float) -> str:
+    """`23.30° E, 21.20° S`."""
+    east, north = ("E" if longitude_deg >= 0.0 else "W"), ("N" if latitude_deg >= 0.0 else "S")
+    return f"{abs(longitude_deg):.2f}° {east}, {abs(latitude_deg):.2f}° {north}"

@@ -1,0 +1,133 @@
+"""One point of a study: a mission's covariance at its reference orbit, and nothing that nobody asked for.
+
+The first estimator, no drawn noise, no iteration: as a run, but for the terms of second order that its drawn truth
+brings. Predictions and budgets are made when they are asked for.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from nebosvod.engine.assembly import computed_psi, linear_problem, mean_errors, nominal_view
+from nebosvod.engine.fitting import SOLVERS, fit
+from nebosvod.engine.quantity import M_PER_KM, Quantity, known_partials
+from nebosvod.engine.trial import generator
+from nebosvod.engine.truth import draw
+from nebosvod.errors import GeometryError
+from nebosvod.estimation import Estimate
+from nebosvod.findings.foretold import Missing, believable, predicted
+from nebosvod.findings.nonlinearity import Nonlinearity
+from nebosvod.findings.prediction import Answered, answered
+from nebosvod.mission import Mission
+from nebosvod.scene.prior import STATE_NAMES, prior_table
+from nebosvod.scene.scene import PlannedScene, build_scene
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(slots=True, kw_only=True, eq=False)
+class Point:
+    """A mission evaluated.
+
+    Attributes
+    ----------
+    mean_errors : of what the estimator leaves out, by parameter.
+    times_s : of the measurements, TDB s after the reference epoch.
+    """
+
+    scene: PlannedScene
+    estimate: Estimate
+    mean_errors: dict[str, float]
+    times_s: Array
+    _quantities: dict[str, Quantity] = field(default_factory=dict)
+    _missing: dict[str, Missing] = field(default_factory=dict)
+    _answered: dict[str, Answered | None] = field(default_factory=dict)
+
+    def prediction(self, name: str) -> Answered | None:
+        """A prediction with its error; None where it does not exist for this orbit."""
+        if name not in self._answered:
+            asked = self._quantities.get(name)
+            self._answered[name] = (
+                None if asked is None else answered(asked, self.estimate, "", (), NOT_MEASURED, self.mean_errors)
+            )
+        return self._answered[name]
+
+    def why_not(self, name: str) -> str:
+        """Why a prediction does not exist; empty for one that does."""
+        return self._missing[name].reason if name in self._missing else ""
+
+    def shares(self, name: str) -> dict[str, float] | None:
+        """Share of each source in the summed variance of a prediction."""
+        asked = self._quantities.get(name)
+        return None if asked is None else self._shares(*known_partials(asked, self.estimate))
+
+    def state_shares(self) -> dict[str, float]:
+        """Share of each source in the variance of the position at the reference epoch."""
+        return self._shares(np.eye(6)[:3], STATE_NAMES)
+
+    def state_sigma(self, half: int, *, formal: bool) -> float:
+        """1 sigma of position (half 0, km) or velocity (half 1, m/s): the root of the summed variances."""
+        found = self.estimate.predict(np.eye(6)[3 * half : 3 * half + 3], STATE_NAMES)
+        sigma = found.sigma_formal if formal else found.sigma
+        return float(np.sqrt(np.sum(sigma**2)) * (M_PER_KM if half else 1.0))
+
+    def parameter_sigma(self, name: str) -> float | None:
+        """1 sigma of an estimated parameter; None where there is none of this name."""
+        return float(self.estimate.sigma(name)) if name in self.estimate.names else None
+
+    def visible(self, telescope: str) -> int:
+        """How many measurements a telescope takes."""
+        names = [one.name for one in self.scene.telescopes]
+        return int(np.count_nonzero(self.scene.visibilities[names.index(telescope)].visible))
+
+    def _shares(self, W: Array, names: tuple[str, ...]) -> dict[str, float]:
+        parts = {source: float(np.sum(f**2)) for source, f in self.estimate.predict(W, names).factors.items()}
+        total = sum(parts.values())
+        return {source: part / total if total > 0.0 else 0.0 for source, part in parts.items()}
+
+
+NOT_MEASURED = Nonlinearity(
+    method="not measured", orbits=0, mean_shift=None, second_order_sigma=None, measure=None, misleads=False, reason=None
+)
+
+
+def evaluate(mission: Mission, wanted: frozenset[str], seed: tuple[int, ...] | None = None) -> Point:
+    """Evaluate a mission.
+
+    Parameters
+    ----------
+    wanted : names of the predictions that are asked for.
+    seed : the seed and the key of a drawn truth, which is then estimated to convergence; None for the covariance at
+        the reference orbit.
+
+    Raises
+    ------
+    GeometryError
+        If the measurements do not determine the orbit.
+    NebosvodError
+        As the stages raise it.
+    """
+    scene = build_scene(mission)
+    priors = prior_table(mission, scene.forces, scene.state)
+    nominal, estimator = nominal_view(scene), mission.estimators[0]
+    trajectory, terms = scene.trajectory, nominal.terms
+    if seed is None:
+        problem = linear_problem(scene, estimator, nominal, computed_psi(nominal), priors, about=nominal.point)
+        estimate = SOLVERS[estimator.method](problem)
+    else:
+        truth = draw(scene, priors, generator(*seed), nominal.point)
+        found = fit(scene, estimator, nominal, truth.psi, truth.priors, history=False)
+        estimate, trajectory, terms = found.estimate, found.trajectory, found.seen.terms
+    if estimate.solution is None:
+        raise GeometryError(estimate.message, rank=estimate.rank, weak_direction=estimate.weak_direction)
+    requests = [one for one in mission.predictions if one.name in wanted]
+    told = believable(*predicted(scene, trajectory, requests), estimate)
+    return Point(
+        scene=scene,
+        estimate=estimate,
+        mean_errors=mean_errors(scene, estimator, terms),
+        times_s=nominal.observation.t_s,
+        _quantities={one.request.name: one for one in told.found},
+        _missing={one.request.name: one for one in told.missing},
+    )

@@ -1,0 +1,229 @@
+"""The page of a risk: from the folder alone, its answer in words, every fate drawn, hostile text harmless."""
+
+import html
+import json
+import re
+import shutil
+import subprocess
+from collections.abc import Callable
+from datetime import datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import numpy as np
+import pytest
+
+from nebosvod.borders.shape import require_shape, schema_file
+from nebosvod.cli import main
+from nebosvod.report.risk.page import make_risk_page
+from nebosvod.report.risk.words import agreement, chance, headline
+from nebosvod.results.folder import SCHEMAS
+
+BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+
+
+@pytest.fixture(scope="module")
+def summary(risk_folder: Path) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads((risk_folder / "summary.json").read_text("utf-8"))
+    return found
+
+
+@pytest.fixture(scope="module")
+def page(risk_folder: Path) -> str:
+    return make_risk_page(risk_folder)
+
+
+def figure(page: str, key: str) -> str:
+    return page[page.index(f'<figure id="{key}"') :].split("</figure>")[0]
+
+
+def plain(text: str) -> str:
+    return html.unescape(re.sub(r"<[^>]+>", "", text)).replace("\xa0", " ")
+
+
+def test_the_summary_has_the_shape_of_its_schema(summary: dict[str, Any]) -> None:
+    schema = schema_file(SCHEMAS["risk"])
+    jsonschema.validate(summary, schema)
+    require_shape("summary", summary, schema)
+    jsonschema.Draft202012Validator.check_schema(schema)
+
+
+def test_the_headline_says_how_probable_when_whether_the_ways_agree_and_who_is_to_blame(
+    summary: dict[str, Any],
+) -> None:
+    said = plain(str(headline(summary)))
+    row = summary["virtual_impactors"][0]
+    p, low, high = (f"{100.0 * row[key]:.1f}" for key in ("probability", "low", "high"))
+    assert said == (
+        f"{p} % ({low} to {high}) on 2038-07-10 to hit the Earth; linear and sampling agree; line of variations says "
+        "88.0 % and misleads; star catalogue Gaia2 is to blame for 60 % of the spread that decides"
+    )
+
+
+@pytest.mark.parametrize(
+    ("row", "said"),
+    [
+        ((0.184, 0.181, 0.187, False), "18.4 % (18.1 to 18.7)"),
+        ((0.2, 0.1, 0.3, False), "20 % (10 to 30)"),
+        ((0.0428, 0.0424, 0.0432, False), "4.28 % (4.24 to 4.32)"),
+        ((3.7e-4, 2e-4, 6e-4, False), "3.7 × 10⁻⁴ (2.0 × 10⁻⁴ to 6.0 × 10⁻⁴), one in 2700"),
+        ((None, 0.0, 3e-4, True), "below 3.0 × 10⁻⁴ (95 %)"),
+        ((None, 0.0, 0.03, True), "below 3.0 % (95 %)"),
+        ((1.0, 0.997, 1.0, False), "100.00 % (99.70 to 100.00)"),
+    ],
+)
+def test_probabilities_have_the_digits_that_their_intervals_leave(row: tuple[Any, ...], said: str) -> None:
+    assert plain(str(chance(dict(zip(("probability", "low", "high", "bound"), row))))) == said
+
+
+@pytest.mark.parametrize(
+    ("other", "agrees"),
+    [
+        ((0.187, 0.187, 0.187, False), True),  # within 5 %
+        ((0.21, 0.19, 0.23, False), True),  # 2.5 standard errors
+        ((0.88, 0.88, 0.88, False), False),
+        ((None, 0.0, 0.01, True), False),  # none of 300 hit
+        ((None, 0.0, 0.6, True), True),
+    ],
+)
+def test_ways_agree_when_both_can_be_right(other: tuple[Any, ...], agrees: bool) -> None:
+    keys = ("probability", "low", "high", "bound")
+    ways = [
+        dict(zip(keys, (0.184, 0.181, 0.187, False)), way="sampling"),
+        dict(zip(keys, other), way="linear"),
+    ]
+    agree, apart = agreement({"recommended": "sampling", "ways": ways})
+    assert ("linear" in agree) is agrees
+    assert len(apart) == (not agrees)
+
+
+def test_every_hit_is_seen_near_the_earth_and_the_line_of_variations_with_it(risk_folder: Path, page: str) -> None:
+    near = figure(page, "target-0-near")
+    marks = dict(re.findall(r'<(?:path|g) class="s" data-n="([^"]+)"(.+)', near))
+    arrays = np.load(risk_folder / "arrays.npz")
+    assert marks["drawn, hits"].count("M") == np.count_nonzero(arrays["hits_0"])
+    assert "line of variations" in marks
+    assert 'class="s" data-n="drawn, hits"' in figure(page, "target-1-near")  # the Moon has its own
+
+
+def test_the_corridor_stands_on_a_map_and_in_a_table_by_time(risk_folder: Path, page: str) -> None:
+    arrays = np.load(risk_folder / "arrays.npz")
+    hits = arrays["hits_0"]
+    dots = figure(page, "map-corridor").split('data-n="drawn orbits"')[1].split("/>")[0]
+    assert dots.count("M") == np.count_nonzero(hits)
+    first = np.flatnonzero(hits)[np.argmin(arrays["hit_t_s"][hits])]
+    table = plain(page[page.index('id="table-corridor-1"') :].split("</table>")[0])
+    east = arrays["longitude_deg"][first]
+    assert f"{abs(east):.2f}° {'E' if east > 0 else 'W'}, {arrays['latitude_deg'][first]:.2f}° N" in table
+    when = datetime(2026, 6, 21) + timedelta(seconds=float(arrays["hit_t_s"][first]) - 69.184)  # TDB - UTC
+    assert any(f"{when + timedelta(seconds=k):%Y-%m-%d %H:%M:%S}" in table for k in (0, 1))  # rounded, not cut
+
+
+def test_the_budget_the_ways_and_the_history_are_there(page: str, summary: dict[str, Any]) -> None:
+    for key in ("budget-0", "ways-0", "ways-1", "history"):
+        assert figure(page, key)
+    table = plain(page[page.index('id="table-budget-0"') :].split("</table>")[0].replace("<td", " <td"))
+    p = summary["virtual_impactors"][0]["probability"]
+    assert f"star catalogue Gaia2 −0.30 ± 0.02 60 % {100.0 * 1.6 * p:.2f} ± 1.00 %" in " ".join(table.split())
+    assert "only a bound" in figure(page, "history")
+
+
+def test_the_page_is_one_file_that_asks_for_nothing_and_the_same_each_time(risk_folder: Path, page: str) -> None:
+    assert make_risk_page(risk_folder) == page == (risk_folder / "report.html").read_text("utf-8")
+    assert not re.findall(r'(?:src|href)="(?!#|data:)', page)
+    assert "default-src 'none'" in html.unescape(page)
+
+
+def test_hostile_names_are_text(make_risk_folder: Callable[..., Path], tmp_path: Path) -> None:
+    evil = "<script>alert(1)</script>\"'&{{7*7}}"
+    folder = make_risk_folder(tmp_path / "evil", name=evil, warnings=[evil], ended=evil)
+    summary = json.loads((folder / "summary.json").read_text("utf-8"))
+    summary["virtual_impactors"][0]["budget"]["rows"][0]["source"] = evil
+    summary["virtual_impactors"][0]["ways"][0]["way"] = evil
+    summary["virtual_impactors"][0]["reason"] = evil
+    (folder / "summary.json").write_text(json.dumps(summary), "utf-8")
+    page = make_risk_page(folder)
+    assert page.count("<script>") == 1  # its own
+    assert "alert(1)</script>" not in page
+    assert "&lt;script&gt;alert(1)" in page
+    assert "49" not in plain(page).split("alert(1)")[1][:30]
+
+
+def test_without_a_hit_the_answer_is_a_bound(make_risk_folder: Callable[..., Path], tmp_path: Path) -> None:
+    none = {"way": "sampling", "probability": None, "low": 0.0, "high": 0.001, "bound": True, "draws": 3000, "hits": 0,
+            "effective_hits": 0.0, "note": None}  # fmt: skip
+    folder = make_risk_folder(
+        tmp_path / "none", virtual_impactors=[], n_virtual_impactors=0, sampling=none, history=None,
+        palermo_cumulative=None,
+    )  # fmt: skip
+    page = plain(make_risk_page(folder))
+    assert "No impact on the Earth or the Moon found until 2039-01-01: below 0.10 % (95 %)" in page
+    assert "None of 3000 drawn orbits hits" in page
+
+
+def test_report_makes_it_again_and_a_cut_folder_is_wrong_input(
+    make_risk_folder: Callable[..., Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = make_risk_folder(tmp_path / "risk")
+    before = (folder / "report.html").read_bytes()
+    assert main(["report", str(folder)]) == 0
+    assert (folder / "report.html").read_bytes() == before
+    text = (folder / "summary.json").read_text("utf-8")
+    broken = json.loads(text)
+    del broken["virtual_impactors"][0]["approach"]["xi_km"]
+    for damage in (text[: len(text) // 2], json.dumps(broken)):
+        (folder / "summary.json").write_text(damage, "utf-8")
+        assert main(["report", str(folder)]) == 2
+        assert "summary.json" in capsys.readouterr().err
+    (folder / "summary.json").write_text(text, "utf-8")
+    arrays = (folder / "arrays.npz").read_bytes()
+    (folder / "arrays.npz").write_bytes(arrays[: len(arrays) // 2])
+    assert main(["report", str(folder)]) == 2
+
+
+PROBE = """<!DOCTYPE html><body style="margin:0">
+<iframe id="phone" style="width:390px;height:3000px"></iframe>
+<iframe id="laptop" style="width:1280px;height:3000px"></iframe>
+<pre id="found"></pre><script>
+const page = %s, found = {}, names = ["phone", "laptop"];
+for (const name of names) {
+  const frame = document.getElementById(name);
+  frame.onload = () => {
+    const d = frame.contentDocument, pictures = [...d.querySelectorAll(".picture > svg")];
+    const texts = p => [...p.querySelectorAll("text")];
+    found[name] = {
+      requests: frame.contentWindow.performance.getEntriesByType("resource").map(e => e.name),
+      width: frame.clientWidth, scroll: d.documentElement.scrollWidth,
+      smallest: Math.min(...pictures.filter(p => !p.closest("#budget-0")).flatMap(p => texts(p).map(
+        t => parseFloat(frame.contentWindow.getComputedStyle(t).fontSize) * p.getScreenCTM().a))),
+      cut: pictures.flatMap(p => texts(p).filter(t => {
+        const a = t.getBoundingClientRect(), b = p.getBoundingClientRect();
+        return a.left < b.left - 1 || a.right > b.right + 1 || a.top < b.top - 1 || a.bottom > b.bottom + 1;
+      }).map(t => t.textContent)),
+    };
+    if (Object.keys(found).length == names.length) document.getElementById("found").textContent = JSON.stringify(found);
+  };
+  frame.srcdoc = page;
+}
+</script></body>"""
+
+
+@pytest.mark.skipif(BROWSER is None, reason="no Chromium is installed")
+def test_the_page_fits_phone_and_laptop_with_texts_of_10_px(page: str, tmp_path: Path) -> None:
+    text = json.dumps(page).replace("</", "<\\/").replace("<!--", "<\\!--")
+    (tmp_path / "probe.html").write_text(PROBE % text, "utf-8")
+    done = subprocess.run(
+        [str(BROWSER), "--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--enable-logging=stderr",
+         "--disable-background-networking", f"--user-data-dir={tmp_path / 'profile'}", "--window-size=1800,3200",
+         "--virtual-time-budget=8000", "--dump-dom", (tmp_path / "probe.html").as_uri()],
+        capture_output=True, text=True, timeout=120, check=False,
+    )  # fmt: skip
+    match = re.search(r'<pre id="found">(.+?)</pre>', done.stdout)
+    assert match, done.stderr[-2000:]
+    assert "CONSOLE" not in done.stderr
+    for found in json.loads(html.unescape(match[1])).values():
+        assert found["requests"] == []
+        assert found["scroll"] <= found["width"]
+        assert found["cut"] == []
+        assert found["smallest"] >= 10.0
