@@ -84,7 +84,8 @@ def _true_noise(problem: LinearProblem, whitener: Whitener) -> Array:
     """Factors (n, p, p) of the true noise of whitened rows."""
     outside = [white for white in problem.white if white.treatment in ("considered", "ignored")]
     wrong = [white for white in problem.white if white.true_Q is not None and white.treatment == "estimated"]
-    if not outside and not wrong and problem.true_R is None:
+    odd = any(markov.differs for markov in problem.markov if markov.treatment == "estimated")
+    if not outside and not wrong and not odd and problem.true_R is None:
         return np.broadcast_to(np.eye(problem.p), (problem.n, problem.p, problem.p))
     if whitener.chains:
         raise InputError("additions: a time-correlated nuisance is estimated and the noise is not as assumed")

@@ -135,7 +135,7 @@ def scaled(problem: LinearProblem, source: str, factor: float) -> LinearProblem:
             if white.name != source or factor > 0.0
         ),
         markov=tuple(
-            replace(chain, Q=square * chain.Q, P0=square * chain.P0) if chain.name == source else chain
+            _chain_times(chain, square) if chain.name == source else chain
             for chain in problem.markov
             if chain.name != source or factor > 0.0
         ),
@@ -170,6 +170,16 @@ def _with_noise(problem: LinearProblem, label: int, square: float) -> LinearProb
     labels = np.zeros(problem.n, dtype=np.int64) if problem.noise_label is None else problem.noise_label
     weight = np.where(labels == label, square, 1.0)[:, None, None]
     return replace(problem, R=weight * problem.R, true_R=None if problem.true_R is None else weight * problem.true_R)
+
+
+def _chain_times(chain: Markov, square: float) -> Markov:
+    return replace(
+        chain,
+        Q=square * chain.Q,
+        P0=square * chain.P0,
+        true_Q=_times(chain.true_Q, square),
+        true_P0=_times(chain.true_P0, square),
+    )
 
 
 def _times(covariance: Array | None, square: float) -> Array | None:
@@ -289,7 +299,7 @@ def _fresh_nuisance(problem: LinearProblem, sources: Sequence[str] | None) -> tu
     groups: tuple[White | Markov, ...] = (*problem.white, *problem.markov)
     for group in groups:
         if group.treatment != "fixed" and (sources is None or group.name in sources):
-            covariance = group.truth if isinstance(group, White) else _markov_covariances(group.F, group.Q, group.P0)
+            covariance = group.truth if isinstance(group, White) else marginals(group.truth)
             total[group.rows] += projected(group.H, covariance)
             strength[group.rows] += np.einsum("npq,npq->n", group.H, group.H)
     return total, strength
@@ -326,12 +336,13 @@ def critical_sigma(R: Array, H: Array) -> Array:
     return critical
 
 
-def _markov_covariances(F: Array, Q: Array, P0: Array) -> Array:
-    """Covariance of z at each touched row."""
-    out = np.empty(F.shape)
-    out[0] = P0
-    for k in range(1, len(F)):
-        out[k] = F[k] @ out[k - 1] @ F[k].T + Q[k]
+def marginals(chain: Markov) -> Array:
+    """Covariance (n_r, q, q) of z at each touched row, as assumed."""
+    out = np.empty(chain.F.shape)
+    out[0] = chain.P0
+    for k in range(1, len(out)):
+        step = chain.F[k] @ out[k - 1] @ chain.F[k].T + chain.Q[k]
+        out[k] = 0.5 * (step + step.T)
     return out
 
 

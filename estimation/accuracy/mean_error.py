@@ -48,22 +48,27 @@ def shift(
     ----------
     Guo, Ivashkin 2018, KIAM preprint 213, (3.2), (3.5).
     """
+    known = {name for block in problem.blocks if block.treatment != "fixed" for name in block.names}
+    offset = {name: float(np.asarray(value, dtype=np.float64)) for name, value in means.items() if name in known}
+    priors = tuple(replace(prior, mean=None) for prior in problem.priors)
+    answer = solve(replace(problem, residual=caused(problem, means), priors=priors))
+    values = dict.fromkeys(answer.left_out, 0.0) | dict(zip(answer.names, (float(x) for x in answer.mean)))
+    return {name: values[name] - offset.get(name, 0.0) for name in (*answer.names, *answer.left_out)}
+
+
+def caused(problem: LinearProblem, means: Mapping[str, npt.ArrayLike]) -> Array:
+    """Residuals (n, p) that means of errors cause; they, and what is raised, are those of `shift`."""
     columns = {
         name: block.H[:, :, k] for block in problem.blocks if block.treatment != "fixed"
         for k, name in enumerate(block.names)
     }  # fmt: skip
-    caused = np.zeros((problem.n, problem.p))
-    offset: dict[str, float] = {}
+    total = np.zeros((problem.n, problem.p))
     for name, value in means.items():
         if name in columns:
-            offset[name] = float(np.asarray(value, dtype=np.float64))
-            caused += offset[name] * columns[name]
+            total += float(np.asarray(value, dtype=np.float64)) * columns[name]
         else:
-            _add_fresh(problem, name, np.asarray(value, dtype=np.float64), caused)
-    priors = tuple(replace(prior, mean=None) for prior in problem.priors)
-    answer = solve(replace(problem, residual=caused, priors=priors))
-    values = dict.fromkeys(answer.left_out, 0.0) | dict(zip(answer.names, (float(x) for x in answer.mean)))
-    return {name: values[name] - offset.get(name, 0.0) for name in (*answer.names, *answer.left_out)}
+            _add_fresh(problem, name, np.asarray(value, dtype=np.float64), total)
+    return total
 
 
 def _add_fresh(problem: LinearProblem, name: str, mean: Array, caused: Array) -> None:

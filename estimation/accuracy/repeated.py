@@ -189,10 +189,13 @@ def _all_additions(problem: LinearProblem) -> tuple[Additions, bool]:
     """The measurements as additions, and whether their true noise is known."""
     left_out = any(markov.treatment in ("considered", "ignored") for markov in problem.markov)
     chains = any(markov.treatment == "estimated" for markov in problem.markov)
-    odd = problem.true_R is not None or any(
-        white.treatment in ("considered", "ignored") or white.true_Q is not None for white in problem.white
+    odd = (
+        problem.true_R is not None
+        or any(markov.differs for markov in problem.markov)
+        or any(white.treatment in ("considered", "ignored") or white.true_Q is not None for white in problem.white)
     )
     if chains and odd:
-        assumed = tuple(replace(white, true_Q=None) for white in problem.white if white.treatment == "estimated")
-        return additions(replace(problem, white=assumed, true_R=None)), False
+        white = tuple(replace(white, true_Q=None) for white in problem.white if white.treatment == "estimated")
+        markov = tuple(markov.assumed for markov in problem.markov)
+        return additions(replace(problem, white=white, markov=markov, true_R=None)), False
     return additions(problem), not left_out

@@ -56,7 +56,8 @@ def condense(problem: LinearProblem, name: str = "arc") -> NormalPlace:
     from arc to arc: arcs are then not independent, and no normal places of them are exact.
     """
     nuisances: tuple[White | Markov, ...] = (*problem.white, *problem.markov)
-    if problem.true_R is not None or any(white.true_Q is not None for white in problem.white):
+    odd = any(white.true_Q is not None for white in problem.white) or any(one.differs for one in problem.markov)
+    if problem.true_R is not None or odd:
         raise InputError("condense: assumed and true noise differ; condense with one of them")
     if any(nuisance.treatment in ("considered", "ignored") for nuisance in nuisances):
         raise InputError("condense: a considered or ignored nuisance of each measurement has no normal place")

@@ -92,12 +92,13 @@ def _joined(group: list[Markov]) -> Chain:
 
 
 def accumulated(nuisance: Markov, gain: Array) -> Array:
-    """Covariance (w, w) of sum_k gain_k^T H_k z_k for a gain (n, p, w) over all measurements, in O(n)."""
+    """Covariance (w, w) of sum_k gain_k^T H_k z_k, z as it really is, for a gain (n, p, w) over all measurements."""
     reach: Array
     total: Array
-    H, F, Q = _plain(nuisance.H, nuisance.F, nuisance.Q)
-    reach, total = _accumulate(H, F, Q, np.array(nuisance.rows), gain)
-    return total + reach.T @ nuisance.P0 @ reach
+    truth = nuisance.truth
+    H, F, Q = _plain(truth.H, truth.F, truth.Q)
+    reach, total = _accumulate(H, F, Q, np.array(truth.rows), gain)
+    return total + reach.T @ truth.P0 @ reach
 
 
 def _plain(*arrays: Array) -> tuple[Array, ...]:

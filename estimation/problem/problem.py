@@ -8,7 +8,7 @@ common group is `fixed` (no error anywhere), `ignored` (the truth has it, the es
 
 import difflib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -139,6 +139,7 @@ class Markov:
     P0 : shape (q, q), covariance of z at the first touched row (stationary, as a rule).
     rows : shape (n_r,), touched measurements in time order, strictly increasing.
     treatment : as for `White`.
+    true_F, true_Q, true_P0 : what they really are; the assumed ones by default.
     """
 
     name: str
@@ -148,6 +149,9 @@ class Markov:
     P0: Array
     rows: IntArray
     treatment: Treatment = "estimated"
+    true_F: Array | None = None
+    true_Q: Array | None = None
+    true_P0: Array | None = None
 
     def __post_init__(self) -> None:
         where = f"markov {self.name}"
@@ -160,7 +164,35 @@ class Markov:
         _set(self, "Q", _covariances(readonly(self.Q, f"{where}: Q", (n, q, q)), n, q, f"{where}: Q"))
         _set(self, "P0", readonly(self.P0, f"{where}: P0", (q, q)))
         covariance_factor(self.P0, f"{where}: P0")
+        if self.true_F is not None:
+            _set(self, "true_F", readonly(self.true_F, f"{where}: true F", (n, q, q)))
+        if self.true_Q is not None:
+            true_Q = readonly(self.true_Q, f"{where}: true Q", (n, q, q))
+            _set(self, "true_Q", _covariances(true_Q, n, q, f"{where}: true Q"))
+        if self.true_P0 is not None:
+            _set(self, "true_P0", readonly(self.true_P0, f"{where}: true P0", (q, q)))
+            covariance_factor(self.true_P0, f"{where}: true P0")
         _check_treatment(self.treatment, where)
+
+    @property
+    def differs(self) -> bool:
+        """Whether the truth is not as assumed."""
+        return any(true is not None for true in (self.true_F, self.true_Q, self.true_P0))
+
+    @property
+    def truth(self) -> "Markov":
+        """The nuisance as it really is, the assumptions replaced."""
+        if not self.differs:
+            return self
+        F = self.F if self.true_F is None else self.true_F
+        Q = self.Q if self.true_Q is None else self.true_Q
+        P0 = self.P0 if self.true_P0 is None else self.true_P0
+        return Markov(name=self.name, H=self.H, F=F, Q=Q, P0=P0, rows=self.rows, treatment=self.treatment)
+
+    @property
+    def assumed(self) -> "Markov":
+        """The nuisance as the estimator has it, the truth forgotten."""
+        return replace(self, true_F=None, true_Q=None, true_P0=None) if self.differs else self
 
 
 @bordered_fields()

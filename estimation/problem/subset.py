@@ -58,6 +58,15 @@ def _white(white: White, mask: Mask, place: npt.NDArray[np.int64]) -> White:
 
 
 def _markov(markov: Markov, mask: Mask, place: npt.NDArray[np.int64]) -> Markov:
+    """The chain over the rows that stay, as assumed and as it really is."""
+    kept = _chain(markov.assumed, mask, place)
+    if not markov.differs:
+        return kept
+    true = _chain(markov.truth, mask, place)
+    return replace(kept, true_F=true.F, true_Q=true.Q, true_P0=true.P0)
+
+
+def _chain(markov: Markov, mask: Mask, place: npt.NDArray[np.int64]) -> Markov:
     mine = np.flatnonzero(mask[markov.rows])
     size = markov.P0.shape[0]
     P0, F, Q = markov.P0, np.empty((len(mine), size, size)), np.empty((len(mine), size, size))

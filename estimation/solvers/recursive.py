@@ -145,6 +145,7 @@ def mismatched(problem: LinearProblem) -> bool:
     return (
         problem.true_R is not None
         or any(white.true_Q is not None for white in problem.white)
+        or any(markov.differs for markov in problem.markov)
         or any(prior.true_covariance is not None for prior in problem.priors)
     )
 

@@ -15,6 +15,7 @@ from nebosvod.results.outlook import answered, event_words, impact_sentences, un
 from nebosvod.timescale import Epoch
 
 BUDGET_ROWS = 6
+SHIFTED = 3  # predictions whose shifts are shown; summary.json has all
 BLAMED = 3  # kinds of source named behind each prediction
 BASIS = {True: " and a prior orbit", False: ", no earlier orbit used", None: ""}
 SEEN = 0.01  # of a sigma, from which a mean error is told
@@ -37,6 +38,8 @@ def print_answer(summary: Mapping[str, Any], folder: Path, console: Console | No
         out.print(_plain(line))
     if summary["budget"]:
         out.print(_budget(summary))
+    if summary.get("shifts"):
+        out.print(_shifts(summary))
     for line in (*_trials(summary), *_cautions(summary)):
         out.print(_plain(line))
     out.print(f"report: {_plain(str(folder / 'report.html'))}")
@@ -143,6 +146,26 @@ def _budget(summary: Mapping[str, Any]) -> Table:
     for row in rows[:BUDGET_ROWS]:
         sigmas = (row["sigma_position_km"], row["sigma_velocity_m_s"])
         table.add_row(_plain(row["source"]), _percent(row["share_position"]), *(_number(sigma) for sigma in sigmas))
+    return table
+
+
+def _shifts(summary: Mapping[str, Any]) -> Table:
+    """What is off on average, and how far it moves the first estimate and its predictions."""
+    first = summary["shifts"][0]["estimator"]
+    rows = [row for row in summary["shifts"] if row["estimator"] == first]
+    table = _table(
+        f"\nShift of {_plain(first)} by each source that is off on average (its sigmas are about it)",
+        ("source",),
+        ("position, km", "in sigmas", *(_plain(part["prediction"]) for part in rows[0]["predictions"][:SHIFTED])),
+    )
+    for row in rows:
+        moved = sum(x * x for x in row["shift_position_km"]) ** 0.5
+        parts = []
+        for part in row["predictions"][:SHIFTED]:
+            unit = next(key.removeprefix("shift_") for key in part if key.startswith("shift_"))
+            length = sum(x * x for x in part[f"shift_{unit}"]) ** 0.5
+            parts.append(f"{_number(length)} {UNITS.get(unit, unit)}")
+        table.add_row(_plain(row["source"]), _number(moved), _number(row["in_sigmas"]), *parts)
     return table
 
 

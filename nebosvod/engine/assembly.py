@@ -18,7 +18,7 @@ import numpy.typing as npt
 from nebosvod.borders.treatment import Treatment
 from nebosvod.estimation import Block, LinearProblem, Markov, Prior, White
 from nebosvod.mission import Estimator
-from nebosvod.observation import Common, Nuisance, Observation, Term, residual
+from nebosvod.observation import Common, Nuisance, Observation, Term, draw_noise, residual
 from nebosvod.observation import Markov as MarkovTerm
 from nebosvod.observation.measurement.astrometry import compute
 from nebosvod.observation.measurement.direction import offset
@@ -100,16 +100,27 @@ def linear_problem(
             if term.covariance.any():
                 assumed = assumed_mean(scene, term, treatment)
                 mean = assumed - np.array([about.nuisances[name] for name in term.names])
-                own.append(Prior(name=term.name, names=term.names, covariance=term.covariance, mean=mean))
+                own.append(
+                    Prior(
+                        name=term.name, names=term.names, covariance=term.covariance, mean=mean,
+                        true_covariance=term.true_covariance,
+                    )
+                )  # fmt: skip
         elif isinstance(term, MarkovTerm):
             markov.append(
-                Markov(name=term.name, H=term.H, F=term.F, Q=term.Q, P0=term.P0, rows=term.rows, treatment=treatment)
-            )
+                Markov(
+                    name=term.name, H=term.H, F=term.F, Q=term.Q, P0=term.P0, rows=term.rows, treatment=treatment,
+                    true_F=term.true_F, true_Q=term.true_Q, true_P0=term.true_P0,
+                )
+            )  # fmt: skip
         else:
-            white.append(White(name=term.name, H=term.H, Q=term.Q, rows=term.rows, treatment=treatment))
+            white.append(
+                White(name=term.name, H=term.H, Q=term.Q, rows=term.rows, treatment=treatment, true_Q=term.true_Q)
+            )
     return LinearProblem(
         residual=residual(observed_psi, computed_psi(seen)),
         R=observation.noise,
+        true_R=scene.exposures.true_noise(observation.rate),
         blocks=tuple(blocks),
         priors=(*priors.at(about.values), *own),
         white=tuple(white),
@@ -135,18 +146,15 @@ def assumed_mean(scene: Scene, term: Common, treatment: Treatment) -> Array:
     return np.zeros(len(term.names)) if left_out else term.mean
 
 
-def mean_errors(scene: Scene, estimator: Estimator, terms: Sequence[Term]) -> dict[str, float]:
-    """Mean of truth minus what the estimator assumes, by parameter; only those that are not zero."""
-    found: dict[str, float] = {}
-    for term in terms:
-        if isinstance(term, Common):
-            error = term.mean - assumed_mean(scene, term, nuisance_treatment(scene, estimator, term.name))
-            found |= {name: float(value) for name, value in zip(term.names, error) if value != 0.0}
-    return found
-
-
 def _terms(scene: Scene, nuisances: Sequence[Nuisance], observation: Observation) -> tuple[Term, ...]:
     return tuple(nuisance.term(observation, scene.ephemeris) for nuisance in nuisances)
+
+
+def drawn_noise(scene: Scene, observation: Observation, rng: np.random.Generator) -> Array:
+    """Measurement noise (n, 2) as it really is."""
+    true, mean = scene.exposures.true_noise(observation.rate), scene.exposures.noise_mean
+    noise = draw_noise(observation.noise if true is None else true, rng)
+    return noise if mean is None else noise + mean
 
 
 def _typical_sizes(scene: Scene) -> dict[str, float]:

@@ -9,9 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from nebosvod.dynamics import Trajectory
-from nebosvod.engine.assembly import linear_problem, mean_errors, view
+from nebosvod.engine.assembly import linear_problem, view
 from nebosvod.engine.extended import pass_through
 from nebosvod.engine.filtering import MOST, Filtered, Path, filtered, linear_path
+from nebosvod.engine.mean_errors import MeanErrors, mean_errors
 from nebosvod.estimation import Estimate, History, IterationResult, LinearProblem, Status, gauss_newton
 from nebosvod.estimation.solvers import batch, recursive, separated, sequential
 from nebosvod.mission import Estimator
@@ -63,7 +64,7 @@ class Fit:
     seen : orbit and computed measurements at the last point.
     history : sigmas after each measurement, of the gain of least squares; None for another gain, and where the
         problem is not observable.
-    mean_errors : mean of truth minus assumed value, by parameter left out; those that are not zero.
+    mean_errors : what is off on average from what the estimator assumes.
     filtered : what a filter believed after each measurement, of the methods that keep it.
     """
 
@@ -77,12 +78,12 @@ class Fit:
     problem: LinearProblem
     seen: View
     history: History | None
-    mean_errors: Mapping[str, float]
+    mean_errors: MeanErrors
     filtered: Filtered | None = None
 
     def mean_error(self, W: Array, names: Sequence[str]) -> Array:
-        """Mean (d,) of estimated minus true w = W x, for what the estimator leaves out has a mean."""
-        moved: Array = W @ self.estimate.mean_shift(self.mean_errors, names)
+        """Mean (d,) of estimated minus true w = W x, for what is off on average."""
+        moved: Array = W @ self.mean_errors.shift(self.estimate, names)
         return moved
 
     @property
@@ -215,7 +216,14 @@ def fit(
         problem=ended.problem,
         seen=ended.seen,
         history=recursive.solve(ended.problem).history if shown else None,
-        mean_errors=mean_errors(scene, estimator, ended.seen.terms),
+        mean_errors=mean_errors(
+            scene,
+            estimator,
+            ended.seen.terms,
+            priors,
+            ended.problem,
+            None if found.estimate.solution is None else SOLVERS[estimator.method],
+        ),
         filtered=_filtered(ended, estimator, start) if history and estimator.method in WITH_HISTORY else None,
     )
 

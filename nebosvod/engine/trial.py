@@ -13,8 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from nebosvod.engine.assembly import computed_psi, linear_problem, mean_errors, nominal_view, view
+from nebosvod.engine.assembly import computed_psi, drawn_noise, linear_problem, nominal_view, view
 from nebosvod.engine.fitting import SOLVERS, converge
+from nebosvod.engine.mean_errors import MeanErrors, mean_errors
 from nebosvod.engine.truth import Truth, draw
 from nebosvod.errors import CoverageError, EventError, InputError
 from nebosvod.estimation import Block, Estimate, LinearProblem, Markov, White
@@ -23,7 +24,7 @@ from nebosvod.estimation.problem.square_root import left_inverse, lower_factor
 from nebosvod.estimation.solvers.iteration import recentred, step_length
 from nebosvod.mission import Estimator, Mission
 from nebosvod.mission.request import OWN_GAIN
-from nebosvod.observation import Common, draw_noise, draw_truth, measure, residual
+from nebosvod.observation import Common, draw_truth, measure, residual
 from nebosvod.scene.point import View
 from nebosvod.scene.prior import STATE_NAMES, PriorTable, prior_table
 from nebosvod.scene.scene import Scene, build_scene
@@ -43,14 +44,14 @@ class Estimating:
     base : the problem at the nominal point with zero residual.
     reference : its estimate; `solution` is None where the problem is not observable.
     repeated : the affine map from residuals to estimates, where the method has one.
-    mean_errors : mean of truth minus assumed value, by parameter left out; those that are not zero.
+    mean_errors : what is off on average from what the estimator assumes.
     """
 
     estimator: Estimator
     base: LinearProblem
     reference: Estimate
     repeated: Repeated | None
-    mean_errors: Mapping[str, float]
+    mean_errors: MeanErrors
 
     @classmethod
     def of(cls, scene: Scene, estimator: Estimator, nominal: View, priors: PriorTable) -> "Estimating":
@@ -60,12 +61,13 @@ class Estimating:
         # all but these give K_formal H^T W v, so one factor serves every residual; these are solved anew for each
         affine = estimator.method not in OWN_GAIN and reference.solution is not None
         repeated = Repeated.of(base, reference) if affine else None
-        off = mean_errors(scene, estimator, nominal.terms)
+        solve = None if reference.solution is None else SOLVERS[estimator.method]
+        off = mean_errors(scene, estimator, nominal.terms, priors, base, solve)
         return cls(estimator=estimator, base=base, reference=reference, repeated=repeated, mean_errors=off)
 
     def mean(self, names: Sequence[str]) -> Array:
         """Mean (k,) of estimate minus truth, for what is left out may have a mean."""
-        return self.reference.mean_shift(self.mean_errors, names)
+        return self.mean_errors.shift(self.reference, names)
 
     def mean_residual(self, problem: LinearProblem | None = None) -> Array:
         """What the mean errors do to the measurements (n, 2), which the estimator does not know of.
@@ -74,10 +76,7 @@ class Estimating:
         ----------
         problem : linearised somewhere else than at the nominal point.
         """
-        total = np.zeros_like(self.base.residual)
-        for block in (self.base if problem is None else problem).blocks:
-            total += block.H @ np.array([self.mean_errors.get(name, 0.0) for name in block.names])
-        return total
+        return self.mean_errors.residual(self.base if problem is None else problem)
 
     def means(self, residuals: Array) -> Array:
         """Estimated deviations (N, s) from the nominal point for residuals (N, n, 2)."""
@@ -162,7 +161,7 @@ def measured_truth(setting: Setting, computed: Array, rng: np.random.Generator) 
         drawn,
         state_deviation=np.array([truth[name] for name in STATE_NAMES]),
         parameters_deviation=np.array([truth[name] for name in nominal.observation.parameter_names]),
-        noise=draw_noise(nominal.observation.noise, rng),
+        noise=drawn_noise(setting.scene, nominal.observation, rng),
     )
     off = {name: value for name, value in far.items() if name not in setting.fixed}
     return residual(psi, computed) + setting.moved(off), truth | {n: truth[n] + value for n, value in off.items()}
@@ -208,7 +207,7 @@ def iterated(setting: Setting, one: Estimating, truth: Truth) -> Trial | None:
     formal[: len(estimate.names)] = lower_factor(estimate.S_formal)
     return Trial(
         errors=np.array([found[name] - true[name] for name in names]),
-        mean=estimate.mean_shift(one.mean_errors, names),
+        mean=one.mean_errors.shift(estimate, names),
         factor_true=estimate.factor(names),
         factor_formal=formal,
         problem=recentred(ended.problem, ended.found.deviation),

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from nebosvod.engine.assembly import nominal_view, view
-from nebosvod.observation import draw_noise, draw_truth, measure
+from nebosvod.engine.assembly import drawn_noise, nominal_view, view
+from nebosvod.observation import draw_truth, measure
 from nebosvod.scene.point import Point
 from nebosvod.scene.prior import PriorTable
 from nebosvod.scene.scene import Scene
@@ -53,7 +53,7 @@ def draw(scene: Scene, priors: PriorTable, rng: np.random.Generator, nominal: Po
     moved = nominal.moved({name: value - values[name] for name, value in drawn.items()})
     seen = view(scene, moved)
     nuisances = draw_truth(seen.terms, rng)
-    noise = draw_noise(seen.observation.noise, rng)
+    noise = drawn_noise(scene, seen.observation, rng)
     common = {
         name: float(value)
         for term in seen.terms

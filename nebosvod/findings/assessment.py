@@ -23,6 +23,7 @@ from nebosvod.findings.nonlinearity import Nonlinearity, nonlinearity
 from nebosvod.findings.prediction import Answered, Prediction, of_fit
 from nebosvod.findings.ratio import NoiseRatio, ratio
 from nebosvod.findings.required import RequiredPosition, required
+from nebosvod.findings.shifts import Shift, shifts
 from nebosvod.mission.reading.cost import CLONES_MOST
 from nebosvod.mission.slugs import array_name
 from nebosvod.scene.point import View
@@ -41,6 +42,7 @@ class Findings:
     predictions : of every estimator, those that do not exist among them.
     required : how well positions of telescopes must be known; curves : of the leading estimator.
     accuracies : five of each component of each prediction.
+    shifts : of the estimate and the predictions, by every source whose mean is not as assumed.
     """
 
     budget: tuple[StateShare, ...]
@@ -49,6 +51,7 @@ class Findings:
     required: tuple[RequiredPosition, ...]
     curves: tuple[Curve, ...]
     accuracies: tuple[Accuracies, ...]
+    shifts: tuple[Shift, ...]
     arrays: Mapping[str, Array]
 
 
@@ -96,6 +99,7 @@ def assess(
         required=tuple(required(scene, leading, told)) if leading is not None and told else (),
         curves=tuple(curves(leading, told)) if leading is not None and told else (),
         accuracies=tuple(comparison(scene, different, predicted, samples)),
+        shifts=tuple(row for fit in found for row in shifts(fit, predicted[fit.estimator.name])),
         arrays=ratio_arrays | points,
     )
 

@@ -12,6 +12,7 @@ from nebosvod.engine.quantity import Quantity, known_partials, spread
 from nebosvod.errors import GeometryError
 from nebosvod.estimation import LinearProblem, White
 from nebosvod.estimation.accuracy import extended, guaranteed
+from nebosvod.estimation.accuracy.budget import marginals
 from nebosvod.estimation.problem.subset import subset
 from nebosvod.findings import blame
 from nebosvod.findings.blame import kind_of_problem, telescopes_of
@@ -138,15 +139,33 @@ def worst_sigmas(fit: Fit, W: Array, names: Sequence[str]) -> tuple[Array, Array
 
 def reaching(fit: Fit) -> LinearProblem:
     """The problem with sigmas of which LEVEL hold what an error with a mean may be: |mean| + LEVEL sigma."""
-    if not fit.mean_errors:
-        return fit.problem
+    off = fit.mean_errors
     priors = []
     for prior in fit.problem.priors:
-        mean = np.abs([fit.mean_errors.get(name, 0.0) for name in prior.names])
-        if mean.any():  # of biases and clocks, each by itself
-            prior = replace(prior, covariance=np.diag((np.sqrt(np.diag(prior.covariance)) + mean / LEVEL) ** 2))
-        priors.append(prior)
-    return replace(fit.problem, priors=tuple(priors))
+        mean = np.abs([off.common.get(name, 0.0) for name in prior.names])
+        true = prior.truth
+        if mean.any():  # each by itself
+            true = np.diag((np.sqrt(np.diag(true)) + mean / LEVEL) ** 2)
+        priors.append(prior if true is prior.covariance else replace(prior, covariance=true, true_covariance=None))
+    white = tuple(
+        replace(one, true_Q=_widened(one.truth, off.fresh[one.name])) if one.name in off.fresh else one
+        for one in fit.problem.white
+    )
+    true_R = fit.problem.true_R
+    labels = fit.problem.noise_label
+    for number, name in enumerate(fit.problem.noise_names):
+        if name in off.fresh and labels is not None:
+            whole = np.array(np.broadcast_to(fit.problem.truth if true_R is None else true_R, (fit.problem.n, 2, 2)))
+            whole[labels == number] = _widened(whole[labels == number], off.fresh[name])
+            true_R = whole
+    return replace(fit.problem, priors=tuple(priors), white=white, true_R=true_R)
+
+
+def _widened(covariances: Array, mean: Array) -> Array:
+    """Covariances (n, k, k) of which LEVEL sigmas hold a mean (k,) too, each component by itself."""
+    sigma = np.sqrt(np.einsum("nkk->nk", covariances)) + np.abs(mean) / LEVEL
+    wide: Array = sigma[:, :, None] ** 2 * np.eye(sigma.shape[1])
+    return wide
 
 
 def boxed(problem: LinearProblem) -> LinearProblem:
@@ -155,12 +174,8 @@ def boxed(problem: LinearProblem) -> LinearProblem:
     for chain in problem.markov:
         if chain.treatment == "fixed":
             continue
-        C = np.empty(chain.F.shape)
-        C[0] = chain.P0
-        for k in range(1, len(C)):
-            step = chain.F[k] @ C[k - 1] @ chain.F[k].T + chain.Q[k]
-            C[k] = 0.5 * (step + step.T)
-        white.append(White(name=chain.name, H=chain.H, Q=C, rows=chain.rows, treatment=chain.treatment))
+        Q = marginals(chain.truth)
+        white.append(White(name=chain.name, H=chain.H, Q=Q, rows=chain.rows, treatment=chain.treatment))
     return replace(problem, white=(*problem.white, *white), markov=())
 
 

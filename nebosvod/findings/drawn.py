@@ -102,7 +102,7 @@ def clones(scene: Scene, fit: Fit, asked: Sequence[Quantity], runs: int, seed: i
     Draw i comes from SeedSequence(seed, spawn_key=(1, i)).
     """
     names = uncertain(fit)
-    S, mean = fit.estimate.factor(names), fit.estimate.mean_shift(fit.mean_errors, names)
+    S, mean = fit.estimate.factor(names), fit.mean_errors.shift(fit.estimate, names)
     deviations = [
         dict(zip(names, (S @ generator(seed, DRAWING, i).standard_normal(S.shape[1]) - mean).tolist()))
         for i in range(runs)

@@ -101,7 +101,7 @@ def nonlinearity(scene: Scene, fit: Fit, asked: Sequence[Quantity]) -> list[Nonl
     ends, and the entry says how short the shortest is.
     """
     estimate, names = fit.estimate, uncertain(fit)
-    S, mean = ordered_factor(estimate, names, asked), estimate.mean_shift(fit.mean_errors, names)
+    S, mean = ordered_factor(estimate, names, asked), fit.mean_errors.shift(estimate, names)
     columns = [*S.T, *([mean / CHORD] if mean.any() else [])]
     flights: dict[tuple[int, float], list[Array | None]] = {}
 

@@ -1,6 +1,6 @@
 """A prediction with its error: ellipse, largest deviation, chance of impact, budget; or why there is none."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,6 +8,7 @@ import numpy.typing as npt
 
 from nebosvod.engine.facts import Disc, Facts
 from nebosvod.engine.fitting import Fit
+from nebosvod.engine.mean_errors import NONE, MeanErrors
 from nebosvod.engine.quantity import SIGMAS, Quantity, known_columns, known_partials
 from nebosvod.estimation import Estimate
 from nebosvod.estimation.accuracy import ellipse
@@ -113,13 +114,13 @@ def answered(
     estimator: str,
     budget: Sequence[QuantityShare],
     curved: Nonlinearity,
-    mean_errors: Mapping[str, float] | None = None,
+    mean_errors: MeanErrors = NONE,
 ) -> Answered:
     """The error of a quantity: true and formal covariance, ellipse, chance of impact.
 
     Parameters
     ----------
-    mean_errors : mean of truth minus assumed value of parameters left out, by name.
+    mean_errors : what is off on average from what the estimator assumes.
 
     Notes
     -----
@@ -131,7 +132,7 @@ def answered(
     Guo, Ivashkin 2018, KIAM preprint 213, (3.5).
     """
     W, names = known_partials(asked, estimate)
-    off = W @ estimate.mean_shift(mean_errors or {}, names)
+    off = W @ mean_errors.shift(estimate, names)
     shift = off if curved.mean_shift is None else off - curved.mean_shift
     found = estimate.predict(W, names)
     semi_axes, angle_deg = _shape(found.factor)
@@ -157,7 +158,7 @@ def answered(
 
 
 def unanswered(
-    missing: Missing, estimate: Estimate | None, estimator: str, mean_errors: Mapping[str, float] | None = None
+    missing: Missing, estimate: Estimate | None, estimator: str, mean_errors: MeanErrors = NONE
 ) -> Unanswered:
     """What does not exist for the orbit of an estimator; `estimate` is None where there is no orbit at all."""
     chance = None
@@ -202,15 +203,15 @@ def in_order(rows: Sequence[Prediction], requests: Sequence[Request]) -> list[Pr
     return sorted(rows, key=lambda row: place[row.request.name])
 
 
-def chance_of(disc: Disc, names: Sequence[str], estimate: Estimate, mean_errors: Mapping[str, float] | None) -> float:
+def chance_of(disc: Disc, names: Sequence[str], estimate: Estimate, mean_errors: MeanErrors) -> float:
     """Chance of impact: a normal distribution on the b-plane, over the disc whose orbits hit the body."""
     W, known = known_columns(disc.partials, names, estimate)
-    centre = disc.value - W @ estimate.mean_shift(mean_errors or {}, known)
+    centre = disc.value - W @ mean_errors.shift(estimate, known)
     return inside_disc(centre, estimate.predict(W, known).factor, disc.radius_km)
 
 
 def _impact_probability(
-    asked: Quantity, factor: Array, off: Array, estimate: Estimate, mean_errors: Mapping[str, float] | None
+    asked: Quantity, factor: Array, off: Array, estimate: Estimate, mean_errors: MeanErrors
 ) -> float | None:
     """Linear: a normal distribution on the plane, over the disc whose orbits hit.
 

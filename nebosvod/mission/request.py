@@ -11,6 +11,7 @@ from pydantic_core import CoreSchema
 from nebosvod.borders.treatment import Treatment
 from nebosvod.errors import InputError
 from nebosvod.mission.covariance import COMETARY_SCALE, NONGRAV_SCALE, STATE_SCALE, Array, Matrix, checked
+from nebosvod.mission.declared import TruePrior
 from nebosvod.mission.fields import (
     Block,
     Decibel,
@@ -115,6 +116,7 @@ class Prior(Block):
     names: Several[str] | None = None
     epoch: When | None = Field(None, description="Of the covariance; the reference epoch when absent")
     frame: Frame | None = Field(None, description="Axes of the covariance; ecliptic_j2000 for elements when absent")
+    true: TruePrior | None = Field(None, description="How wrong it really is, where that is not as it says")
 
     def complaints(self) -> list[tuple[KeyPath, str]]:
         """One of the three forms, complete."""

@@ -2,11 +2,12 @@
 
 import math
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import Discriminator, Field, Tag
 
 from nebosvod.borders.treatment import Treatment
+from nebosvod.mission.declared import TrueAcceleration, twin_complaints
 from nebosvod.mission.fields import (
     Acceleration,
     Block,
@@ -14,14 +15,6 @@ from nebosvod.mission.fields import (
     PositiveAcceleration,
     PositiveLength,
     Text,
-    Uncertain,
-    UncertainAcceleration,
-    UncertainAlbedo,
-    UncertainDensity,
-    UncertainEmission,
-    UncertainMass,
-    UncertainPositive,
-    UncertainRadius,
 )
 from nebosvod.mission.found import FileOrbit, parameter_of
 from nebosvod.mission.orbit import (
@@ -34,6 +27,16 @@ from nebosvod.mission.orbit import (
     StateOrbit,
 )
 from nebosvod.mission.uncertainty import Photocentre
+from nebosvod.mission.values import (
+    Uncertain,
+    UncertainAcceleration,
+    UncertainAlbedo,
+    UncertainDensity,
+    UncertainEmission,
+    UncertainMass,
+    UncertainPositive,
+    UncertainRadius,
+)
 from nebosvod.units import AU_KM
 
 Exponent = Annotated[float, Field(ge=0.0, le=20.0)]
@@ -66,6 +69,11 @@ class Residual(Block):
     value: Acceleration = 0.0
     sigma: PositiveAcceleration
     treatment: Treatment
+    true: TrueAcceleration | None = Field(None, description="What it really is, where that is not as assumed")
+
+    def complaints(self) -> list[tuple[KeyPath, str]]:
+        """A twin stands beside something uncertain."""
+        return twin_complaints(self.true, True, self.treatment)
 
 
 class Law(Block):
@@ -97,6 +105,16 @@ class Nongrav(Block):
     A3: UncertainAcceleration | None = None
     a1_residual: Residual | None = None
     law: LawChoice = Field("inverse_square", description="g(r): (1 au/r)^2, that of comets, or its constants")
+
+    @property
+    def declared(self) -> dict[str, Block]:
+        """Those whose truth is declared, as they really are."""
+        given = {key: getattr(self, key) for key in ("A1", "A2", "A3", "a1_residual")}
+        return {
+            key: one.model_copy(update={**one.true.said, "true": None})
+            for key, one in given.items()
+            if one is not None and one.true is not None
+        }
 
     def complaints(self) -> list[tuple[KeyPath, str]]:
         """A1 and its residual exclude each other."""
@@ -249,6 +267,19 @@ class Body(Block):
         said += ["A1"] if nongrav.a1_residual else []
         labels = self.orbit.labels if isinstance(self.orbit, FileOrbit) else self.orbit.covariance.labels
         return [n for n in labels if n in ("A1", "A2", "A3") and n not in said]
+
+    @property
+    def truth(self) -> Self:
+        """The body as it really is; itself where nothing is declared beside what is assumed."""
+        found = {key: getattr(self, key) for key in type(self).model_fields}
+        changed: dict[str, Any] = {
+            key: value.truth
+            for key, value in found.items()
+            if isinstance(value, Uncertain) and not isinstance(value, Photocentre) and value.true is not None
+        }
+        if self.nongrav is not None and (own := self.nongrav.declared):
+            changed["nongrav"] = self.nongrav.model_copy(update=own)
+        return self.model_copy(update=changed) if changed else self
 
     @property
     def has_radiation(self) -> bool:

@@ -4,6 +4,7 @@ from typing import Annotated
 
 from pydantic import Field
 
+from nebosvod.mission.declared import TrueNoise
 from nebosvod.mission.fields import (
     Altitude,
     Block,
@@ -17,7 +18,7 @@ from nebosvod.mission.fields import (
     When,
 )
 from nebosvod.mission.spacecraft import Ground, TelescopeOrbit
-from nebosvod.mission.uncertainty import Bias, Pair, PlateScale, Position, Timing, one_or_pair
+from nebosvod.mission.uncertainty import Bias, Pair, PlateScale, Position, Timing, one_or_pair, sigma_update
 
 NAUTICAL_TWILIGHT = -12.0 / 57.29577951308232  # rad, altitude of the Sun at its end
 LEAST_ALTITUDE = 20.0 / 57.29577951308232  # rad, 2.9 air masses
@@ -30,6 +31,7 @@ class Noise(Block):
     sigma_ra: PositiveAngle | None = Field(None, description="Along right ascension, times cos Dec")
     sigma_dec: PositiveAngle | None = None
     timing: Duration = Field(0.0, description="Sigma of the time of exposure")
+    true: TrueNoise | None = Field(None, description="What it really is, where that is not as assumed")
 
     def complaints(self) -> list[tuple[KeyPath, str]]:
         """Either sigma, or both of the pair."""
@@ -39,6 +41,21 @@ class Noise(Block):
     def sigma_rad(self) -> Pair:
         """Sigma in RA* and Dec, rad."""
         return (self.sigma_ra or self.sigma or 0.0, self.sigma_dec or self.sigma or 0.0)
+
+    @property
+    def truth(self) -> "Noise":
+        """What it really is, but for its mean."""
+        if self.true is None:
+            return self
+        twin = self.true
+        timing = self.timing if twin.timing is None else twin.timing
+        pair = sigma_update(self.sigma_rad, twin.sigma, twin.sigma_ra, twin.sigma_dec)
+        return self.model_copy(update={**pair, "timing": timing, "true": None})
+
+    @property
+    def mean_rad(self) -> Pair:
+        """What it really is on average in RA* and Dec, rad; 0 is assumed."""
+        return (0.0, 0.0) if self.true is None else (self.true.mean_ra or 0.0, self.true.mean_dec or 0.0)
 
 
 class Exclusion(Block):

@@ -7,6 +7,7 @@ from pydantic import Field
 
 from nebosvod.borders.treatment import Treatment
 from nebosvod.mission.covariance import MATRIX_SCHEMA, Array, read_matrix
+from nebosvod.mission.declared import TrueAmplitude, TrueBias, TruePlateScale, TruePosition, TrueTiming, twin_complaints
 from nebosvod.mission.fields import (
     Angle,
     Block,
@@ -21,9 +22,9 @@ from nebosvod.mission.fields import (
     PositiveSpeed,
     Several,
     Size,
-    Uncertain,
     When,
 )
+from nebosvod.mission.values import Uncertain
 from nebosvod.units import ARCSEC, DEG
 
 # What is uncertain about telescopes; an estimator's treatment, the budget and the mean ratio go by these words
@@ -64,6 +65,13 @@ def one_or_pair(one: float | None, ra: float | None, dec: float | None) -> list[
     return []
 
 
+def sigma_update(pair: Pair, sigma: float | None, ra: float | None, dec: float | None) -> dict[str, float | None]:
+    """Fields sigma, sigma_ra, sigma_dec of a truth: those of its twin, else those of the pair assumed."""
+    if sigma is not None:
+        return {"sigma": sigma, "sigma_ra": None, "sigma_dec": None}
+    return {"sigma": None, "sigma_ra": pair[0] if ra is None else ra, "sigma_dec": pair[1] if dec is None else dec}
+
+
 def _misplaced(block: Block, correlation: str, owners: dict[str, tuple[str, bool]]) -> list[Complaint]:
     """Keys that belong to one correlation only: complain where they are missing there, or stand elsewhere.
 
@@ -94,6 +102,7 @@ class Bias(Block):
     time: PositiveDuration | None = Field(None, description="Correlation time of gauss_markov")
     zone: PositiveAngle | None = Field(None, description="Side of a zone of the sky, of per_zone")
     treatment: Treatment
+    true: TrueBias | None = Field(None, description="What it really is, where that is not as assumed")
 
     def complaints(self) -> list[Complaint]:
         """Keys that fit the correlation; either sigma or both of the pair."""
@@ -111,6 +120,11 @@ class Bias(Block):
         if self.zone is not None and not 0.001 <= self.zone <= 3.15:
             found.append((("zone",), "is out of range (allowed 0.06 deg to 180 deg)"))
         sigmas = (self.sigma, self.sigma_ra, self.sigma_dec)
+        found += twin_complaints(self.true, any(sigmas), self.treatment)
+        if self.true is not None:
+            for key, owner in (("drift", "drift"), ("time", "gauss_markov")):
+                if getattr(self.true, key) is not None and self.correlation != owner:
+                    found.append((("true", key), f"belongs to {owner} only (got correlation {self.correlation})"))
         if self.correlation == "constant" and self.treatment in ("estimated", "fixed") and not any(sigmas):
             return found  # unknown beforehand, or exactly its mean
         return found + one_or_pair(*sigmas)
@@ -135,6 +149,27 @@ class Bias(Block):
         return (self.mean_ra, self.mean_dec)
 
     @property
+    def truth(self) -> "Bias":
+        """What it really is; the means of what is not constant are in `true_mean`."""
+        if self.true is None:
+            return self
+        said = dict(self.true.said)
+        pair = said.pop("sigma", None), said.pop("sigma_ra", None), said.pop("sigma_dec", None)
+        said |= sigma_update(self.sigma_rad or (0.0, 0.0), *pair)
+        return self.model_copy(update={**said, "true": None})
+
+    @property
+    def true_mean(self) -> Pair | None:
+        """What it really is on average, rad; None where that is not declared."""
+        twin = self.true
+        if twin is None or (twin.mean_ra is None and twin.mean_dec is None):
+            return None
+        return (
+            self.mean_ra if twin.mean_ra is None else twin.mean_ra,
+            self.mean_dec if twin.mean_dec is None else twin.mean_dec,
+        )
+
+    @property
     def has_sigma(self) -> bool:
         """Whether something is said about its size."""
         return self.sigma_rad is not None
@@ -157,12 +192,13 @@ class Position(Block):
     renewal: PositiveDuration | None = Field(None, description="The orbit is determined anew this often")
     frame: Literal["icrf", "rtn"] = "icrf"
     treatment: Treatment
+    true: TruePosition | None = Field(None, description="What it really is, where that is not as assumed")
 
     def complaints(self) -> list[Complaint]:
         """Keys that fit the correlation, and one form of each sigma."""
         orbit = ("velocity_sigma", "velocity_sigmas", "covariance", "epoch", "renewal")
         owners = {"time": ("gauss_markov", True), **dict.fromkeys(orbit, ("orbit_error", False))}
-        found = _misplaced(self, self.correlation, owners)
+        found = [*_misplaced(self, self.correlation, owners), *self._twin_complaints()]
         if self.covariance is not None:
             forms = ("sigma", "sigmas", "velocity_sigma", "velocity_sigmas")
             found += [((key,), "stands beside covariance; keep one") for key in forms if getattr(self, key) is not None]
@@ -177,6 +213,38 @@ class Position(Block):
         if self.correlation == "orbit_error" and (self.velocity_sigma is None) == (self.velocity_sigmas is None):
             found.append(((), "needs either velocity_sigma (every axis) or velocity_sigmas (a list of three)"))
         return found
+
+    def _twin_complaints(self) -> list[Complaint]:
+        """Keys of the twin fit the assumption."""
+        found = twin_complaints(self.true, True, self.treatment)
+        if self.true is None:
+            return found
+        for key, owner in (("velocity_sigma", "orbit_error"), ("time", "gauss_markov")):
+            if getattr(self.true, key) is not None and self.correlation != owner:
+                found.append((("true", key), f"belongs to {owner} only (got correlation {self.correlation})"))
+        sized = [key for key in ("sigma", "sigmas", "velocity_sigma") if getattr(self.true, key) is not None]
+        if sized and self.covariance is not None:
+            found.append((("true", sized[0]), "stands against a covariance; give the assumption as sigmas too"))
+        return found
+
+    @property
+    def truth(self) -> "Position":
+        """What it really is; its mean is in `true_mean`."""
+        if self.true is None:
+            return self
+        said = {key: value for key, value in self.true.said.items() if key != "mean"}
+        if "sigma" in said:
+            said["sigmas"] = None
+        elif "sigmas" in said:
+            said["sigma"] = None
+        if "velocity_sigma" in said:
+            said["velocity_sigmas"] = None
+        return self.model_copy(update={**said, "true": None})
+
+    @property
+    def true_mean(self) -> tuple[float, ...] | None:
+        """What it really is on average on the axes of its frame, km; None where that is not declared."""
+        return None if self.true is None else self.true.mean
 
     @property
     def from_orbit(self) -> bool:
@@ -223,12 +291,23 @@ class Timing(Block):
     sigma: PositiveDuration | None = None
     mean: Offset = 0.0
     treatment: Treatment
+    true: TrueTiming | None = Field(None, description="What it really is, where that is not as assumed")
 
     def complaints(self) -> list[Complaint]:
         """What is wrong in truth must say how much."""
         if self.sigma is None and self.treatment in ("considered", "ignored"):
             return [(("sigma",), f"is missing; {self.treatment} needs it")]
-        return []
+        return twin_complaints(self.true, self.sigma is not None, self.treatment)
+
+    @property
+    def truth(self) -> "Timing":
+        """What it really is."""
+        return self if self.true is None else self.model_copy(update={**self.true.said, "true": None})
+
+    @property
+    def true_mean(self) -> tuple[float, ...] | None:
+        """What it really is on average, s; None where that is not declared."""
+        return None if self.true is None or self.true.mean is None else (self.true.mean,)
 
     @property
     def sizes(self) -> tuple[str, ...]:
@@ -247,10 +326,23 @@ class PlateScale(Block):
     sigma: Annotated[float, Field(ge=1e-12, le=0.1, description="Of the relative error; its mean is 0")]
     field: PositiveAngle = Field(description="Side of the square field, at most 10 deg; its axes are RA* and Dec")
     treatment: Treatment
+    true: TruePlateScale | None = Field(None, description="What it really is, where that is not as assumed")
 
     def complaints(self) -> list[Complaint]:
         """A field is a plane."""
-        return [(("field",), "is out of range (allowed up to 10 deg)")] if self.field > WIDEST_FIELD else []
+        wide = [(("field",), "is out of range (allowed up to 10 deg)")] if self.field > WIDEST_FIELD else []
+        return [*wide, *twin_complaints(self.true, True, self.treatment)]
+
+    @property
+    def truth(self) -> "PlateScale":
+        """What it really is; its mean is in `true_mean`."""
+        sigma = self.sigma if self.true is None or self.true.sigma is None else self.true.sigma
+        return self.model_copy(update={"sigma": sigma, "true": None})
+
+    @property
+    def true_mean(self) -> tuple[float, ...] | None:
+        """What it really is on average; None where that is not declared."""
+        return None if self.true is None or self.true.mean is None else (self.true.mean,)
 
     @property
     def sizes(self) -> tuple[str, ...]:
@@ -269,11 +361,17 @@ class Photocentre(Uncertain):
     value: Annotated[float, Field(ge=-10.0, le=10.0)] = 0.0
     sigma: PositiveNumber | None = None
     radius: Size | None = Field(None, description="Of the body; the object's own when absent")
+    true: TrueAmplitude | None = None
 
     @property
     def sizes(self) -> tuple[str, ...]:
         """How large it is, in words."""
         return () if self.sigma is None else (f"amplitude {self.value:.3g} +- {self.sigma:.3g}",)
+
+    @property
+    def true_mean(self) -> tuple[float, ...] | None:
+        """What it really is on average; None where that is not declared."""
+        return None if self.true is None or self.true.value is None else (self.true.value,)
 
     @property
     def has_sigma(self) -> bool:

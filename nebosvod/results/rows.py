@@ -11,12 +11,14 @@ import numpy.typing as npt
 
 from nebosvod.engine.filtering import Filtered
 from nebosvod.engine.montecarlo import Consistency
+from nebosvod.engine.quantity import M_PER_KM
 from nebosvod.estimation.accuracy.consistency import chi_square_interval
 from nebosvod.findings.blame import QuantityShare, QuantitySigmas, Remedied, Remedies, StateShare, StateSigmas
 from nebosvod.findings.comparison import LEVEL, MEANINGS, Accuracies
 from nebosvod.findings.curves import Curve
 from nebosvod.findings.ratio import NoiseRatio, RatioMeans, TelescopeRatio
 from nebosvod.findings.required import RequiredPosition
+from nebosvod.findings.shifts import Shift
 
 Row = dict[str, Any]
 Array = npt.NDArray[np.float64]
@@ -100,6 +102,25 @@ def _sigmas(sigma: StateSigmas | QuantitySigmas, unit: str) -> Row:
     if isinstance(sigma, StateSigmas):
         return {"sigma_position_km": sigma.position_km, "sigma_velocity_m_s": sigma.velocity_m_s}
     return {f"sigma_{unit}": sigma.each.tolist(), f"sigma_total_{unit}": sigma.total}
+
+
+def shift(found: Shift) -> Row:
+    """One entry of `shifts`."""
+    return {
+        "estimator": found.estimator,
+        "source": found.source,
+        "shift_position_km": found.state[:3].tolist(),
+        "shift_velocity_m_s": (M_PER_KM * found.state[3:]).tolist(),
+        "in_sigmas": number(found.in_sigmas),
+        "predictions": [
+            {
+                "prediction": one.prediction,
+                f"shift_{one.unit}": one.shift.tolist(),
+                "in_sigmas": number(one.in_sigmas),
+            }
+            for one in found.predictions
+        ],
+    }
 
 
 def noise_to_nuisance(found: NoiseRatio, needed: Sequence[RequiredPosition]) -> Row:

@@ -54,6 +54,7 @@ def summarise(
         "assumptions": _assumptions(scene),
         "estimators": [estimator_row(scene, priors, fit) for fit in fits],
         "budget": [rows.state_share(one) for one in findings.budget],
+        **({"shifts": [rows.shift(one) for one in findings.shifts]} if findings.shifts else {}),
         "noise_to_nuisance": rows.noise_to_nuisance(findings.noise_to_nuisance, findings.required),
         "impacts": [prediction_rows.impact(one) for one in impacts_of(findings.predictions)],
         "predictions": [prediction_rows.prediction(one) for one in findings.predictions],
@@ -123,12 +124,8 @@ def estimator_row(scene: Scene, priors: PriorTable, fit: Fit) -> dict[str, Any]:
 
 def _mean_error(fit: Fit, sigma: Array) -> dict[str, Any]:
     """Mean of estimated minus true state, what each source left out adds to it, and |mean| + 3 sigma."""
-    mean = fit.estimate.mean_shift(fit.mean_errors, STATE_NAMES)
-    parts = {}
-    for term in fit.seen.terms:
-        own = {name: fit.mean_errors[name] for name in term.names if name in fit.mean_errors}
-        if own:
-            parts[term.name] = fit.estimate.mean_shift(own, STATE_NAMES).tolist()
+    mean = fit.mean_errors.shift(fit.estimate, STATE_NAMES)
+    parts = {source: part.tolist() for source, part in fit.mean_errors.by_source(fit.estimate, STATE_NAMES).items()}
     return {
         "mean_error_km_km_s": mean.tolist(),
         "mean_error_by_source_km_km_s": parts,
@@ -158,7 +155,7 @@ def _parameters(scene: Scene, priors: PriorTable, fit: Fit) -> dict[str, dict[st
             "prior_sigma": None if before is None else before * scale,
             "sigma": fit.estimate.sigma(name) * scale,
             "estimate": values[name] * scale,
-            "mean_error": float(fit.estimate.mean_shift(fit.mean_errors, (name,))[0]) * scale,
+            "mean_error": float(fit.mean_errors.shift(fit.estimate, (name,))[0]) * scale,
         }
     return found
 
@@ -261,9 +258,9 @@ def mean_error_notes(fit: Fit) -> list[str]:
     """What means of errors left out do to the orbit, in words; empty where there are none."""
     if not fit.mean_errors or fit.estimate.solution is None:
         return []
-    behind = [term.name for term in fit.seen.terms if any(name in fit.mean_errors for name in term.names)]
-    x, y, z = fit.estimate.mean_shift(fit.mean_errors, STATE_NAMES)[:3]
+    behind = list(fit.mean_errors.by_source(fit.estimate, STATE_NAMES))
+    x, y, z = fit.mean_errors.shift(fit.estimate, STATE_NAMES)[:3]
     return [
-        f"{', '.join(behind)} left out, with a mean error: the estimate is off on average by ({x:.3g}, {y:.3g}, "
+        f"{', '.join(behind)} with a mean error: the estimate is off on average by ({x:.3g}, {y:.3g}, "
         f"{z:.3g}) km from the truth at the reference epoch; sigmas are about this mean, largest deviations hold it"
     ]

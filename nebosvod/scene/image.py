@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from nebosvod.observation import Common, Nuisance, Observation, Photocentre, Term
+from nebosvod.scene.declared import Declared, as_assumed
 from nebosvod.scene.point import Point
 from nebosvod.scene.scene import Scene
 
@@ -25,7 +26,13 @@ def at_radius(scene: Scene, point: Point) -> tuple[Nuisance, ...]:
         return scene.nuisances
     value = point.parameters[name]
     radius_km = (value if name == "radius_m" else math.exp(value)) / M_PER_KM
-    return tuple(replace(one, radius_km=radius_km) if isinstance(one, Photocentre) else one for one in scene.nuisances)
+    return tuple(_of_radius(one, radius_km) for one in scene.nuisances)
+
+
+def _of_radius(one: Nuisance, radius_km: float) -> Nuisance:
+    if isinstance(one, Declared):
+        return replace(one, assumed=_of_radius(one.assumed, radius_km), true=_of_radius(one.true, radius_km))
+    return replace(one, radius_km=radius_km) if isinstance(one, Photocentre) else one
 
 
 def moved_by_radius(scene: Scene, point: Point, observation: Observation, terms: Sequence[Term]) -> Observation:
@@ -39,7 +46,7 @@ def moved_by_radius(scene: Scene, point: Point, observation: Observation, terms:
     name = _radius(scene)
     if name is None:
         return observation
-    light = next(nuisance.name for nuisance in scene.nuisances if isinstance(nuisance, Photocentre))
+    light = next(one.name for one in scene.nuisances if isinstance(as_assumed(one), Photocentre))
     term = next(term for term in terms if term.name == light)
     if not isinstance(term, Common) or term.displacement is None:
         return observation
@@ -57,6 +64,8 @@ def moved_by_radius(scene: Scene, point: Point, observation: Observation, terms:
 def _radius(scene: Scene) -> str | None:
     """The parameter that is the radius of the photocentre; None where that is known, or there is no photocentre."""
     light = scene.mission.object.photocentre
-    if light is None or light.radius is not None or not any(isinstance(n, Photocentre) for n in scene.nuisances):
+    if light is None or light.radius is not None:
+        return None
+    if not any(isinstance(as_assumed(one), Photocentre) for one in scene.nuisances):
         return None
     return next((name for name in scene.forces.parameters if name in RADII), None)

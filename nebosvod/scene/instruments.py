@@ -7,6 +7,7 @@ To teach the program another kind: write it in `observation`, its block in `miss
 """
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any, Literal, TypeVar
 
 import numpy as np
@@ -48,7 +49,9 @@ from nebosvod.observation import (
 from nebosvod.observation import Photocentre as PhotocentreOffset
 from nebosvod.observation import PlateScale as PlateScaleError
 from nebosvod.observation.earth import obscodes
+from nebosvod.observation.measurement.telescope import NoiseTruth
 from nebosvod.observation.spacecraft.orbit_table import read_orbit_table
+from nebosvod.scene.declared import Declared
 from nebosvod.timescale import Epoch
 
 Array = npt.NDArray[np.float64]
@@ -75,8 +78,14 @@ def telescopes(mission: Mission) -> tuple[Telescope, ...]:
 
 
 def nuisance(source: Source, mission: Question, seeing: tuple[str, ...]) -> Nuisance:
-    """What a source is to observation; `seeing` are its telescopes that measure anything."""
-    return NUISANCES[kind_of(source)](source, mission, seeing)
+    """What a source is to observation, and what it really is; `seeing` are its telescopes that measure anything."""
+    make = NUISANCES[kind_of(source)]
+    assumed = make(source, mission, seeing)
+    if source.error.true is None:
+        return assumed
+    mean = source.error.true_mean
+    true = make(replace(source, error=source.error.truth), mission, seeing)
+    return Declared(assumed=assumed, true=true, mean=None if mean is None else np.array(mean))
 
 
 def kind_of(source: Source) -> tuple[str, str]:
@@ -101,6 +110,17 @@ def _telescope(block: TelescopeBlock, carrier: Spacecraft) -> Telescope:
         duty=tuple((window.start, window.end) for window in block.duty),
         exposure_s=block.trailing.exposure if block.trailing is not None else 0.0,
         fwhm_rad=block.trailing.fwhm if block.trailing is not None else None,
+        truth=_noise_truth(block),
+    )
+
+
+def _noise_truth(block: TelescopeBlock) -> NoiseTruth | None:
+    """What the noise of a telescope really is; None where it is as assumed."""
+    if block.noise.true is None:
+        return None
+    true = block.noise.truth
+    return NoiseTruth(
+        sigma_rad=np.array(true.sigma_rad), timing_sigma_s=true.timing, mean_rad=np.array(block.noise.mean_rad)
     )
 
 

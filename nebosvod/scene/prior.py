@@ -6,7 +6,7 @@ this ties together are merged into one source, for the cross blocks must never b
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -40,26 +40,44 @@ class PriorTable:
     ----------
     entries : (source name, parameter names, means (k,), covariance (k, k)).
     by_density : whether the mass is that of a density and an uncertain radius.
+    true : where the truth is declared, by source: mean of truth minus prior mean (k,), and true covariance (k, k).
     """
 
     entries: tuple[tuple[str, tuple[str, ...], Array, Array], ...]
     by_density: bool = False
+    true: Mapping[str, tuple[Array, Array]] = field(default_factory=dict)
     _factors: list[Array] = field(default_factory=list, init=False, repr=False)
 
     def at(self, values: Mapping[str, float]) -> tuple[Prior, ...]:
         """The priors as seen from a linearisation point given by its values."""
         return tuple(
-            Prior(name=name, names=names, covariance=covariance, mean=mean - np.array([values[n] for n in names]))
+            Prior(
+                name=name,
+                names=names,
+                covariance=covariance,
+                mean=mean - np.array([values[n] for n in names]),
+                true_covariance=self.true[name][1] if name in self.true else None,
+            )
             for name, names, mean, covariance in self.entries
         )
+
+    @property
+    def mean_errors(self) -> dict[str, float]:
+        """Mean of truth minus prior mean, by parameter; those that are not zero."""
+        found: dict[str, float] = {}
+        for name, names, _, _ in self.entries:
+            if name in self.true:
+                found |= {one: float(off) for one, off in zip(names, self.true[name][0]) if off != 0.0}
+        return found
 
     def draw(self, rng: np.random.Generator) -> dict[str, float]:
         """A truth for every parameter that has a prior."""
         truth: dict[str, float] = {}
         if not self._factors:  # the same for every draw
-            self._factors.extend(_factor(covariance) for _, _, _, covariance in self.entries)
-        for (_, names, mean, _), factor in zip(self.entries, self._factors):
-            truth.update(zip(names, (mean + factor @ rng.standard_normal(len(names))).tolist()))
+            self._factors.extend(_factor(self.true[e[0]][1] if e[0] in self.true else e[3]) for e in self.entries)
+        for (name, names, mean, _), factor in zip(self.entries, self._factors):
+            about = mean + self.true[name][0] if name in self.true else mean
+            truth.update(zip(names, (about + factor @ rng.standard_normal(len(names))).tolist()))
         return truth
 
     def physical(self, truth: Mapping[str, float]) -> dict[str, float]:
@@ -67,6 +85,7 @@ class PriorTable:
         if not self.by_density:
             return dict(truth)
         means = {name: float(value) for _, names, mean, _ in self.entries for name, value in zip(names, mean)}
+        means |= {name: means[name] + off for name, off in self.mean_errors.items()}
         return with_mass(means, truth)
 
     @property
@@ -97,6 +116,7 @@ class PriorTable:
                 for name, names, mean, covariance in self.entries
             ),
             by_density=self.by_density,
+            true=self.true,
         )
 
     def sigma(self, name: str) -> float | None:
@@ -150,27 +170,62 @@ def prior_table(mission: Question, forces: ForceModel, state: Array) -> PriorTab
     InputError
         If a prior orbit at another epoch meets an estimated parameter without a prior of its own.
     """
-    free = mission.free_parameters
-    joint = mission.covariance_prior
-    if joint is not None:
-        with asking(mission, "prior"):
-            entries = _carried(mission, joint, forces, state)
-        done = {name for _, names, _, _ in entries for name in names}
-    else:
-        entries, done = _sigmas(mission, state), set()
-    rest = [parameter for parameter in free if parameter.name not in done and parameter.sigma is not None]
-    return PriorTable(entries=(*entries, *_parameter_entries(mission, rest)), by_density=by_density(mission))
+    entries = _entries(mission, mission, forces, state)
+    return PriorTable(entries=entries, by_density=by_density(mission), true=_declared(mission, entries, forces, state))
 
 
 Entry = tuple[str, tuple[str, ...], Array, Array]
 
 
-def _sigmas(mission: Question, state: Array) -> tuple[Entry, ...]:
+def _entries(
+    mission: Question, about: Question, forces: ForceModel, state: Array, scale: float = 1.0
+) -> tuple[Entry, ...]:
+    """The priors of a mission, with the numbers of the object of another that differs in no more.
+
+    Parameters
+    ----------
+    scale : of the sigmas of the prior orbit.
+    """
+    free = {parameter.name: parameter for parameter in about.parameters}
+    parameters = [free[parameter.name] for parameter in mission.free_parameters]
+    joint = mission.covariance_prior
+    if joint is not None:
+        joint = replace(joint, covariance=scale**2 * joint.covariance)
+        with asking(mission, "prior"):
+            entries = _carried(about, joint, forces, state, parameters)
+        done = {name for _, names, _, _ in entries for name in names}
+    else:
+        entries, done = _sigmas(about, state, scale), set()
+    rest = [parameter for parameter in parameters if parameter.name not in done and parameter.sigma is not None]
+    return (*entries, *_parameter_entries(about, rest))
+
+
+def _declared(
+    mission: Question, entries: tuple[Entry, ...], forces: ForceModel, state: Array
+) -> dict[str, tuple[Array, Array]]:
+    """Mean errors (k,) and covariances (k, k) of the sources whose truth is declared."""
+    prior = mission.prior if isinstance(mission.prior, PriorBlock) else None
+    twin, object_ = None if prior is None else prior.true, mission.object.truth
+    if twin is None and object_ is mission.object:
+        return {}
+    scale = 1.0 if twin is None or twin.scale is None else twin.scale
+    truly = _entries(mission, mission.standing_for(object=object_), forces, state, scale)
+    found = {}
+    for (name, names, assumed, before), (_, _, mean, covariance) in zip(entries, truly):
+        off = mean - assumed
+        if twin is not None and twin.mean is not None and names[:6] == STATE_NAMES:
+            off[:6] += np.concatenate([twin.mean.position, twin.mean.velocity])
+        if off.any() or not np.array_equal(covariance, before):
+            found[name] = off, covariance
+    return found
+
+
+def _sigmas(mission: Question, state: Array, scale: float) -> tuple[Entry, ...]:
     """The prior orbit given as independent sigmas at the reference epoch, if there is one."""
     said = mission.prior
     if not isinstance(said, PriorBlock) or said.sigma is None:
         return ()
-    sigma = np.repeat([said.sigma.position, said.sigma.velocity], 3)
+    sigma = scale * np.repeat([said.sigma.position, said.sigma.velocity], 3)
     return (("prior orbit", STATE_NAMES, state, np.diag(sigma**2)),)
 
 
@@ -190,9 +245,11 @@ def _parameter_entries(mission: Question, parameters: list[Parameter]) -> tuple[
     return tuple(entries)
 
 
-def _carried(mission: Question, joint: CovariancePrior, forces: ForceModel, state: Array) -> tuple[Entry, ...]:
+def _carried(
+    mission: Question, joint: CovariancePrior, forces: ForceModel, state: Array, parameters: list[Parameter]
+) -> tuple[Entry, ...]:
     """The prior orbit carried from its epoch to the reference epoch, with all that becomes correlated on the way."""
-    free = {parameter.name: parameter for parameter in mission.free_parameters}
+    free = {parameter.name: parameter for parameter in parameters}
     labels = {parameter_of(name): name for name in joint.names if parameter_of(name) in free}
     orbit_names = COMETARY_NAMES if joint.representation == "cometary" else CARTESIAN_NAMES
     order = [joint.names.index(name) for name in (*orbit_names, *labels.values())]

@@ -21,6 +21,7 @@ from nebosvod.mission.state import orbit_state
 from nebosvod.mission.target import LOGARITHMS, Orbit
 from nebosvod.observation import Nuisance, Telescope, Visibility, ZoneBias, visibility
 from nebosvod.observation.measurement.exposures import Exposures, row_order
+from nebosvod.scene.declared import Declared, as_assumed
 from nebosvod.scene.instruments import nuisance, telescopes
 from nebosvod.scene.logarithmic import LogarithmicForces
 from nebosvod.timescale import SECONDS_PER_DAY, Epoch
@@ -209,10 +210,17 @@ def measured(
         names = tuple(name for name in source.telescopes if name in seeing)
         with asking(mission, *source.path):
             one = nuisance(source, mission, names)
-        if isinstance(one, ZoneBias):
-            one = replace(one, sky=_sky([seen for t, seen in pairs if t.name in names]))
+        if isinstance(as_assumed(one), ZoneBias):
+            one = _in_zones(one, _sky([seen for t, seen in pairs if t.name in names]))
         found.append(one)
     return exposures, active, tuple(found)
+
+
+def _in_zones(one: Nuisance, sky: Array) -> Nuisance:
+    """A bias by zones of the sky with the directions by which measurements are given to them."""
+    if isinstance(one, Declared):
+        return replace(one, assumed=_in_zones(one.assumed, sky), true=_in_zones(one.true, sky))
+    return replace(one, sky=sky) if isinstance(one, ZoneBias) else one
 
 
 def _sky(visibilities: Sequence[Visibility]) -> Array:

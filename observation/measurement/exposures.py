@@ -154,11 +154,32 @@ class Exposures:
 
         R = sigma and correlation + sigma_t^2 rate rate^T: a clock error moves the measurement along the track.
         """
+        return self._noise(self.sigma_rad, self.timing_sigma_s, rate_rad_s)
+
+    def true_noise(self, rate_rad_s: Array | None = None) -> Array | None:
+        """What that covariance (n, 2, 2) really is; None where it is as assumed."""
+        truths = [telescope.truth for telescope in self.telescopes]
+        if not any(truths):
+            return None
+        sigma, timing = np.array(self.sigma_rad), np.array(self.timing_sigma_s)
+        for number, truth in enumerate(truths):
+            if truth is not None:
+                mine = self.telescope_index == number
+                sigma[mine], timing[mine] = truth.sigma_rad, truth.timing_sigma_s
+        return self._noise(sigma, timing, rate_rad_s)
+
+    @property
+    def noise_mean(self) -> Array | None:
+        """What the noise really is on average (n, 2), rad; None where it is 0."""
+        means = np.array([np.zeros(2) if t.truth is None else t.truth.mean_rad for t in self.telescopes])
+        return means[self.telescope_index] if means.any() else None
+
+    def _noise(self, sigma_rad: Array, timing_sigma_s: Array, rate_rad_s: Array | None) -> Array:
         R = np.empty((len(self), 2, 2))
-        R[:, 0, 0], R[:, 1, 1] = self.sigma_rad[:, 0] ** 2, self.sigma_rad[:, 1] ** 2
-        R[:, 0, 1] = R[:, 1, 0] = self.correlation * self.sigma_rad[:, 0] * self.sigma_rad[:, 1]
-        if rate_rad_s is not None and self.timing_sigma_s.any():
-            R += self.timing_sigma_s[:, None, None] ** 2 * rate_rad_s[:, :, None] * rate_rad_s[:, None, :]
+        R[:, 0, 0], R[:, 1, 1] = sigma_rad[:, 0] ** 2, sigma_rad[:, 1] ** 2
+        R[:, 0, 1] = R[:, 1, 0] = self.correlation * sigma_rad[:, 0] * sigma_rad[:, 1]
+        if rate_rad_s is not None and timing_sigma_s.any():
+            R += timing_sigma_s[:, None, None] ** 2 * rate_rad_s[:, :, None] * rate_rad_s[:, None, :]
         return R
 
 

@@ -12,6 +12,21 @@ from nebosvod.observation.spacecraft.kinds import Spacecraft
 from nebosvod.timescale import Epoch
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class NoiseTruth:
+    """What the noise of a telescope really is, where that is declared beside what is assumed.
+
+    Attributes
+    ----------
+    sigma_rad : (2,) of RA cos Dec and Dec; timing_sigma_s : of the time of each exposure.
+    mean_rad : (2,) what it is on average, 0 being assumed.
+    """
+
+    sigma_rad: Array
+    timing_sigma_s: float
+    mean_rad: Array
+
+
 @bordered_fields(duty="spans")
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Telescope:
@@ -34,6 +49,7 @@ class Telescope:
     duty : windows (first, last epoch) in which the telescope works; empty = always.
     exposure_s, fwhm_rad : length of an exposure and width of a star image: with both, a target that trails is
         fainter for the limit by `trailing_loss`.
+    truth : what the noise really is; as it says when None.
 
     Raises
     ------
@@ -55,6 +71,7 @@ class Telescope:
     fwhm_rad: float | None = None
     sun_altitude_rad: float | None = None
     altitude_rad: float | None = None
+    truth: NoiseTruth | None = None
 
     def __post_init__(self) -> None:
         sigma = np.array(np.broadcast_to(np.asarray(self.sigma_rad, dtype=np.float64), (2,)))

@@ -26,6 +26,7 @@ class Common:
     H : (n, 2, k) partials of (cos Dec dRA, dDec) by them, over all rows of the observation.
     displacement : (n, 3, k) km, ICRF, how they move the telescope; None where they do not act through its position.
     covariance : (k, k); mean : (k,) their assumed mean.
+    true_covariance, true_mean : what they really are; the assumed ones where None.
     """
 
     name: str
@@ -35,10 +36,14 @@ class Common:
     covariance: Array
     mean: Array
     treatment: Treatment
+    true_covariance: Array | None = None
+    true_mean: Array | None = None
 
     def draw(self, rng: np.random.Generator, count: int = 1) -> Array:
         """Independent truths (count, k)."""
-        return self.mean + rng.standard_normal((count, self.mean.size)) @ root(self.covariance).T
+        covariance = self.covariance if self.true_covariance is None else self.true_covariance
+        mean = self.mean if self.true_mean is None else self.true_mean
+        return mean + rng.standard_normal((count, mean.size)) @ root(covariance).T
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -50,7 +55,8 @@ class White:
     rows : (r,) the measurements it touches.
     H : (r, 2, q); displacement : (r, 3, q) km or None, as in `Common`.
     names : names of the q components.
-    Q : (r, q, q) covariance of each draw.
+    Q : (r, q, q) covariance of each draw; true_Q : what it really is, the assumed one where None.
+    true_mean : (q,) what the draws really are on average, 0 being assumed.
     """
 
     name: str
@@ -60,12 +66,15 @@ class White:
     displacement: Array | None
     Q: Array
     treatment: Treatment
+    true_Q: Array | None = None
+    true_mean: Array | None = None
     _roots: list[Array] = field(default_factory=list, init=False, repr=False)
 
     def draw(self, rng: np.random.Generator, count: int = 1) -> Array:
         """Independent truths (count, r, q)."""
         normal = rng.standard_normal((count, *self.Q.shape[:2], 1))
-        return (_kept(self._roots, self.Q) @ normal)[..., 0]
+        found = (_kept(self._roots, self.Q if self.true_Q is None else self.true_Q) @ normal)[..., 0]
+        return found if self.true_mean is None else found + self.true_mean
 
     @property
     def marginals(self) -> Array:
@@ -83,6 +92,8 @@ class Markov:
     H : (r, 2, q); displacement : (r, 3, q) km or None, as in `Common`.
     F, Q : (r, q, q) transition into row i and its step noise, which may be singular or zero; F[0], Q[0] are unused.
     P0 : (q, q) covariance at the first row.
+    true_F, true_Q, true_P0 : what they really are, the assumed ones where None.
+    true_mean : (q,) what the chain really is on average, 0 being assumed.
     """
 
     name: str
@@ -94,17 +105,22 @@ class Markov:
     Q: Array
     P0: Array
     treatment: Treatment
+    true_F: Array | None = None
+    true_Q: Array | None = None
+    true_P0: Array | None = None
+    true_mean: Array | None = None
     _roots: list[Array] = field(default_factory=list, init=False, repr=False)
 
     def draw(self, rng: np.random.Generator, count: int = 1) -> Array:
         """Independent truths (count, r, q)."""
+        F = self.F if self.true_F is None else self.true_F
         normal = rng.standard_normal((count, *self.Q.shape[:2]))
-        factor = _kept(self._roots, self.Q)
+        factor = _kept(self._roots, self.Q if self.true_Q is None else self.true_Q)
         chain = np.empty_like(normal)
-        chain[:, 0] = normal[:, 0] @ root(self.P0).T
+        chain[:, 0] = normal[:, 0] @ root(self.P0 if self.true_P0 is None else self.true_P0).T
         for i in range(1, self.rows.size):
-            chain[:, i] = chain[:, i - 1] @ self.F[i].T + normal[:, i] @ factor[i].T
-        return chain
+            chain[:, i] = chain[:, i - 1] @ F[i].T + normal[:, i] @ factor[i].T
+        return chain if self.true_mean is None else chain + self.true_mean
 
     @property
     def marginals(self) -> Array:

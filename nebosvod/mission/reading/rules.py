@@ -54,6 +54,7 @@ def complaints(mission: Mission | FitMission) -> list[Complaint]:
 
 def _of_fit(mission: FitMission) -> Iterator[Complaint]:
     yield from chain(_stations(mission), _carried_covariances(mission), _coverage(mission), _prior(mission))
+    yield from _undeclared(mission)
 
 
 def _of_mission(mission: Mission) -> Iterator[Complaint]:
@@ -64,6 +65,21 @@ def _of_mission(mission: Mission) -> Iterator[Complaint]:
         yield from chain(
             *(rule(mission, i, e) for i, e in enumerate(mission.estimators) for rule in (_estimator, _method))
         )
+
+
+def _undeclared(mission: FitMission) -> Iterator[Complaint]:
+    """The truth of records is their own: nobody declares it."""
+    text = "belongs to a mission that is simulated; what recorded measurements really are is not declared"
+    for i, entry in enumerate(mission.fit.uncertainty):
+        if entry.error.true is not None:
+            yield ("fit", "uncertainty", i, entry.group, "true"), text
+    for key in type(mission.object).model_fields:
+        if getattr(getattr(mission.object, key), "true", None) is not None:
+            yield ("object", key, "true"), text
+    for key in () if mission.object.nongrav is None else mission.object.nongrav.declared:
+        yield ("object", "nongrav", key, "true"), text
+    if isinstance(mission.prior, Prior) and mission.prior.true is not None:
+        yield ("prior", "true"), text
 
 
 def _stations(mission: FitMission) -> Iterator[Complaint]:

@@ -127,12 +127,23 @@ def _tables(run: RunFolder, main: Item | None) -> dict[str, tables.Table | None]
         "physics": tables.physics_table(run),
         "provenance": tables.provenance_table(run),
     }
-    alone = ("predictions", "facts", "components", "accuracies", "nonlinearity", "parameters", "blame", "state")
+    alone = (
+        "predictions",
+        "shifts",
+        "facts",
+        "components",
+        "accuracies",
+        "nonlinearity",
+        "parameters",
+        "blame",
+        "state",
+    )
     if main is None:
         return every | dict.fromkeys(alone)
     return every | {
         "predictions": tables.prediction_table(run, main),
         "facts": tables.fact_table(run, main),
+        "shifts": tables.shift_table(run, main),
         "components": tables.budget_of_predictions(run, main),
         "accuracies": trust.comparison_table(run, main),
         "nonlinearity": trust.nonlinearity_table(run, main),

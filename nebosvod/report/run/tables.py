@@ -156,6 +156,27 @@ def budget_of_parameters(run: RunFolder, estimator: Item) -> Table | None:
     )  # fmt: skip
 
 
+def shift_table(run: RunFolder, estimator: Item) -> Table | None:
+    """How far each source that is off on average moves the estimate and its predictions; None where none is."""
+    found = [row for row in run.summary.get("shifts") or [] if row["estimator"] == estimator["name"]]
+    if not found:
+        return None
+    rows: list[tuple[Cell, ...]] = []
+    for row in found:
+        parts = []
+        for part in row["predictions"]:
+            unit = next(key.removeprefix("shift_") for key in part if key.startswith("shift_"))
+            parts.append(series(part[f"shift_{unit}"], unit))
+        rows.append((row["source"], series(row["shift_position_km"], "km"), quantity(row["in_sigmas"]), *parts))
+    names = [part["prediction"] for part in found[0]["predictions"]]
+    return Table(
+        caption=Markup("Shift by each source that is off on average, estimator “{}”").format(estimator["name"]),
+        head=("source", "position at the reference epoch, x y z", "in sigmas", *names),
+        align="l" + "r" * (2 + len(names)),
+        rows=tuple(rows),
+    )
+
+
 def _inside(run: RunFolder, estimator: Item) -> Markup:
     """How much of the probability the 1 sigma ellipsoid holds, by dimension."""
     held = {len(p[f"semi_axes_{unit_of(p)}"]): p["probability"] for p in run.predictions(estimator["name"])}

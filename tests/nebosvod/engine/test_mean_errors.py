@@ -105,7 +105,7 @@ def test_the_shift_is_the_gain_of_dense_normal_equations_times_the_mean(minimal:
     U = H * scale
     wanted = scale * np.linalg.solve(U.T @ W @ U + np.outer(scale, scale) * information, U.T @ W @ (H_b @ mean))
     sigma = np.array([found.estimate.sigma(name) for name in names])
-    said = found.estimate.mean_shift(found.mean_errors, names)
+    said = found.mean_errors.shift(found.estimate, names)
     np.testing.assert_allclose(said / sigma, wanted / sigma, atol=1e-6 * float(np.max(np.abs(wanted / sigma))))
     state = found.mean_error(np.eye(6), STATE_NAMES)
     np.testing.assert_allclose(state, said[:6], rtol=1e-12)
