@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
+from nebosvod.engine.assembly import assumed_mean, nuisance_treatment
 from nebosvod.estimation import Estimate, LinearProblem
 from nebosvod.estimation.accuracy import mean_error
 from nebosvod.mission import Estimator
@@ -78,8 +79,6 @@ def mean_errors(
     ----------
     problem, solve : its linear problem, and how it solves one; None where it cannot.
     """
-    from nebosvod.engine.assembly import assumed_mean, nuisance_treatment
-
     live = set(problem.names("estimated", "considered", "ignored"))
     assumed = {name for prior in problem.priors for name in prior.names}
     common = {name: off for name, off in priors.mean_errors.items() if name in live}

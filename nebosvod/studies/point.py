@@ -9,8 +9,9 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from nebosvod.engine.assembly import computed_psi, linear_problem, mean_errors, nominal_view
+from nebosvod.engine.assembly import computed_psi, linear_problem, nominal_view
 from nebosvod.engine.fitting import SOLVERS, fit
+from nebosvod.engine.mean_errors import MeanErrors, mean_errors
 from nebosvod.engine.quantity import M_PER_KM, Quantity, known_partials
 from nebosvod.engine.trial import generator
 from nebosvod.engine.truth import draw
@@ -32,13 +33,13 @@ class Point:
 
     Attributes
     ----------
-    mean_errors : of what the estimator leaves out, by parameter.
+    mean_errors : what is off on average from what the estimator assumes.
     times_s : of the measurements, TDB s after the reference epoch.
     """
 
     scene: PlannedScene
     estimate: Estimate
-    mean_errors: dict[str, float]
+    mean_errors: MeanErrors
     times_s: Array
     _quantities: dict[str, Quantity] = field(default_factory=dict)
     _missing: dict[str, Missing] = field(default_factory=dict)
@@ -111,14 +112,17 @@ def evaluate(mission: Mission, wanted: frozenset[str], seed: tuple[int, ...] | N
     scene = build_scene(mission)
     priors = prior_table(mission, scene.forces, scene.state)
     nominal, estimator = nominal_view(scene), mission.estimators[0]
-    trajectory, terms = scene.trajectory, nominal.terms
+    trajectory = scene.trajectory
     if seed is None:
         problem = linear_problem(scene, estimator, nominal, computed_psi(nominal), priors, about=nominal.point)
-        estimate = SOLVERS[estimator.method](problem)
+        solve = SOLVERS[estimator.method]
+        estimate = solve(problem)
+        known = None if estimate.solution is None else solve
+        off = mean_errors(scene, estimator, nominal.terms, priors, problem, known)
     else:
         truth = draw(scene, priors, generator(*seed), nominal.point)
         found = fit(scene, estimator, nominal, truth.psi, truth.priors, history=False)
-        estimate, trajectory, terms = found.estimate, found.trajectory, found.seen.terms
+        estimate, trajectory, off = found.estimate, found.trajectory, found.mean_errors
     if estimate.solution is None:
         raise GeometryError(estimate.message, rank=estimate.rank, weak_direction=estimate.weak_direction)
     requests = [one for one in mission.predictions if one.name in wanted]
@@ -126,7 +130,7 @@ def evaluate(mission: Mission, wanted: frozenset[str], seed: tuple[int, ...] | N
     return Point(
         scene=scene,
         estimate=estimate,
-        mean_errors=mean_errors(scene, estimator, terms),
+        mean_errors=off,
         times_s=nominal.observation.t_s,
         _quantities={one.request.name: one for one in told.found},
         _missing={one.request.name: one for one in told.missing},
