@@ -23,17 +23,20 @@ from nebosvod.dynamics.collision import IMPACT_TIDE
 from nebosvod.dynamics.constants import DAY_S, RADIUS_KM
 from nebosvod.dynamics.dense import StepTable, step_of, step_weights
 from nebosvod.dynamics.fates import Fates, arrival_of, passage, passages, window_of
+from nebosvod.dynamics.flock import Flyer
 from nebosvod.dynamics.model import ForceModel
+from nebosvod.dynamics.nongrav import PARAMETERS
 from nebosvod.dynamics.propagator import TOLERANCE, propagate
 from nebosvod.dynamics.surface import SURFACE_KM
 from nebosvod.dynamics.trajectory import Trajectory
-from nebosvod.dynamics.workspace import Samples, Steps
+from nebosvod.dynamics.workspace import NO_WATCH, Samples, Steps
 from nebosvod.errors import EventError, ImpactError, InputError, listed
 from nebosvod.timescale import Epoch
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
 NO_COLUMNS: Integers = np.empty(0, dtype=np.int64)
+WIDEST_KM = 1e9  # every closest approach counts
 DEEP_TIDE = 1e-10  # s^-2: GM/r^3 at 25 radii of the Earth
 SUBSTITUTES = 5  # orbits that are tried as the middle
 
@@ -106,6 +109,9 @@ def propagate_many(
     if body is not None and body not in SURFACE_KM:
         raise InputError(f'body "{body}" is unknown (allowed: {", ".join(RADIUS_KM)})')
     middle = forces if values is None else _with(forces, values.mean(axis=0), "the mean of the clones")
+    times = np.array(t_s, dtype=np.float64, ndmin=1)
+    if times.ndim == 1 and len(times) and np.isfinite(times).all() and times.min() >= 0.0 < times.max():
+        return _in_flocks(starts, epoch, times, forces, values, tolerance, threads or os.cpu_count() or 1, body)
     nominal = _middle(starts, epoch, t_s, middle, tolerance)
     window = window_of(nominal, body)
     cloud = _Cloud(
@@ -133,6 +139,34 @@ def propagate_many(
             state[k] = np.nan
             lost[int(k)] = str(error)
     return Clones(epoch=epoch, t_s=nominal.t_s, state=state, alone=alone, lost=lost, fates=fates)
+
+
+def _in_flocks(
+    starts: Array, epoch: Epoch, times: Array, forces: ForceModel, values: Array | None, tolerance: float,
+    threads: int, body: str | None,
+) -> Clones:  # fmt: skip
+    """The same forward in time, where clones that drift apart fly on together with their neighbours."""
+    flight = Flyer(
+        epoch=epoch, end_s=float(times.max()), forces=forces, values=values,
+        strengths=_strengths(forces, epoch, values, len(starts)), watch=() if body is None else (body,),
+        within_km=WIDEST_KM, times=times, tolerance=float(tolerance), threads=threads,
+    ).fly(starts)  # fmt: skip
+    fates, lost = Fates.unknown(len(starts)), dict(flight.lost)
+    if body is not None and len(flight.near.t_s):
+        distance = np.linalg.norm(flight.near.state[:, :3], axis=1)
+        about = float(flight.near.t_s[np.argmin(distance)])
+        for k in np.argsort(-np.abs(flight.near.t_s - about), kind="stable"):  # the last one written is the nearest
+            fates.set(int(flight.near.orbit[k]), body, False, float(flight.near.t_s[k]), flight.near.state[k])
+    for k, row, t, x in zip(flight.impact.orbit, flight.impact.body, flight.impact.t_s, flight.impact.state):
+        hit = forces.bodies[row]
+        fates.set(int(k), hit, True, float(t), x)
+        lost[int(k)] = (
+            f"the asteroid hits {hit} at about {(epoch + float(t)).iso(digits=0)}: {np.linalg.norm(x[:3]):.0f} km from "
+            f"its centre, radius {SURFACE_KM[hit]:.0f} km"
+        )
+    state = flight.state
+    state[list(lost)] = np.nan
+    return Clones(epoch=epoch, t_s=times, state=state, alone=flight.left, lost=lost, fates=fates)
 
 
 def _middle(starts: Array, epoch: Epoch, t_s: npt.ArrayLike, forces: ForceModel, tolerance: float) -> Trajectory:
@@ -213,7 +247,7 @@ class _Cloud:
                 chosen = chosen[np.argsort(order.step[chosen], kind="stable")]
                 if chosen.size:
                     own = np.zeros(some.stop - some.start)
-                    samples = Samples(chosen, order.step, order.weights, sun, state[some], own)
+                    samples = Samples(chosen, order.step, order.weights, sun, state[some], own, NO_WATCH)
                     integrator.integrate(
                         8, self.starts[which[some]] + self.sun, self.strengths[which[some]], end_s,
                         window.coefficients, window.layout, window.timing, physics, NO_COLUMNS, False, self.tolerance,
@@ -315,10 +349,11 @@ def _with(forces: ForceModel, values: Array, whose: str) -> ForceModel:
 
 def _strengths(forces: ForceModel, epoch: Epoch, values: Array | None, count: int) -> Array:
     """What the kernels need of each clone's parameters, shape (count, 4): radiation, then A1, A2, A3."""
-    rows = np.empty((count, 4))
-    for k in range(count if values is not None else 1):
-        physics = (forces if values is None else _with(forces, values[k], f"clone {k}")).physics(epoch)
-        rows[k] = physics.strength
-    if values is None:
-        rows[:] = rows[0]
+    rows = np.tile(forces.physics(epoch).strength, (count, 1))
+    if values is not None and set(forces.parameters) <= set(PARAMETERS):  # linear: 20,000 in no time
+        for name, column in zip(forces.parameters, values.T):
+            rows[:, 1 + PARAMETERS.index(name)] = forces.physics(epoch).nongrav_unit * column
+        return rows
+    for k in range(count if values is not None else 0):
+        rows[k] = _with(forces, values[k], f"clone {k}").physics(epoch).strength  # type: ignore[index]
     return rows

@@ -22,6 +22,7 @@ from nebosvod.dynamics.stages import (
     solve_variations,
     weighed,
 )
+from nebosvod.dynamics.watch import DOWN, LEFT, leave, watched
 from nebosvod.dynamics.workspace import (
     Memory,
     Samples,
@@ -181,6 +182,7 @@ def march(
     t, h, h_before, taken = clock[0], clock[1], clock[2], int(clock[3])
     shown, following, sign, status = 0, 0, 1.0 if end_s > 0.0 else -1.0, OK
     converged, error, limit, excess = True, 0.0, 0.0, EXCESS_ON_A_GRID if guided else EXCESS
+    down = False
     if taken == 0:
         clear(n, m)
         begin(n, w, orbits[0], strengths[0])
@@ -213,16 +215,21 @@ def march(
             if not converged or error > excess * limit:
                 if sampled:
                     samples.tide[o] = np.inf
+                    leave(o, LEFT, t, w, samples.watch)
                 continue
             if variations:
                 solve_variations(n, w, p, columns, h)
             if sampled:
                 following = sample(o, taken, shown, w, samples)
+                down = watched(n, o, t, h, w, samples.watch)
             else:
                 store(n, steps, taken, t, h, w)
             advance(n, w, h)
             if sampled:
                 put_down(n, w, orbits[o])
+            if sampled and down:
+                samples.tide[o] = np.inf
+                leave(o, DOWN, t_next, w, samples.watch)
         shown = following
         if not sampled and (not converged or error > excess * limit):
             if guided:
@@ -276,6 +283,9 @@ def integrate(
             status = TOO_MANY_STEPS
         elif status == FULL:
             steps = enlarged(steps, count, most)
+    if len(samples.watch.left):
+        flying = samples.watch.left[:, 0] == 0.0
+        samples.watch.left[flying, 1], samples.watch.left[flying, 2:] = clock[0], orbits[flying, :6]
     taken = 0 if len(samples.tide) else int(clock[3])
     return status, steps if taken == len(steps.start) else first_steps(steps, taken)
 

@@ -141,6 +141,20 @@ class Steps(NamedTuple):
     tide: Array  # (n,) largest GM/r^3 met in the step, s^-2
 
 
+class Watch(NamedTuple):
+    """Which bodies many orbits are watched near, and what was seen; empty where nobody watches."""
+
+    bodies: Integers  # (b,) their rows among the bodies
+    reach2: Array  # (b,) km^2: closest approaches within it are written down
+    gate2: Array  # (b,) km^2: so is the step in which an orbit comes within this
+    low2: Array  # (bodies,) km^2 of every body: and each step with a node below this, a little above its surface
+    stop2: Array  # (bodies,) km^2: an orbit below this has come down for certain, and ends
+    last2: Array  # (orbits, 2 b) squared distances at the last two nodes; negative where there are none yet
+    records: Array  # (room, RECORD) see `watch.keep`
+    count: Integers  # (1,) how many there are, or would be with more room
+    left: Array  # (orbits, 8): LEFT or DOWN and the time and barycentric state from which an orbit must go on; else 0
+
+
 class Samples(NamedTuple):
     """Where many orbits on one grid are wanted, and what they were there; empty for one orbit."""
 
@@ -150,6 +164,7 @@ class Samples(NamedTuple):
     sun: Array  # (times, 6) barycentric
     states: Array  # (orbits, times, 6) heliocentric: the result
     tide: Array  # (orbits,) largest GM/r^3 met; infinite where an orbit left the grid
+    watch: Watch
 
 
 def make_steps(capacity: int, columns: int) -> Steps:
@@ -178,6 +193,11 @@ def enlarged(steps: Steps, columns: int, most: int) -> Steps:
 NO_STEPS = make_steps(0, 0)
 NO_NODES: Array = np.empty((0, 0))
 # and for "no samples"
+NO_WATCH = Watch(
+    np.empty(0, np.int64), np.empty(0), np.empty(0), np.empty(0), np.empty(0), np.empty((0, 0)), np.empty((0, 0)),
+    np.zeros(1, np.int64), np.empty((0, 8)),
+)  # fmt: skip
 NO_SAMPLES = Samples(
-    np.empty(0, np.int64), np.empty(0, np.int64), np.empty((0, 17)), np.empty((0, 6)), np.empty((0, 0, 6)), np.empty(0)
-)
+    np.empty(0, np.int64), np.empty(0, np.int64), np.empty((0, 17)), np.empty((0, 6)), np.empty((0, 0, 6)), np.empty(0),
+    NO_WATCH,
+)  # fmt: skip
