@@ -115,7 +115,7 @@ def propagate_many(
     nominal = _middle(starts, epoch, t_s, middle, tolerance)
     window = window_of(nominal, body)
     cloud = _Cloud(
-        starts=starts, strengths=_strengths(forces, epoch, values, len(starts)), nominal=nominal,
+        starts=starts, strengths=strengths_of(forces, epoch, values, len(starts)), nominal=nominal,
         sun=forces.ephemeris.sun_at(epoch), tolerance=float(tolerance),
     )  # fmt: skip
     seen, tide = cloud.fly(
@@ -148,7 +148,7 @@ def _in_flocks(
     """The same forward in time, where clones that drift apart fly on together with their neighbours."""
     flight = Flyer(
         epoch=epoch, end_s=float(times.max()), forces=forces, values=values,
-        strengths=_strengths(forces, epoch, values, len(starts)), watch=() if body is None else (body,),
+        strengths=strengths_of(forces, epoch, values, len(starts)), watch=() if body is None else (body,),
         within_km=WIDEST_KM, times=times, tolerance=float(tolerance), threads=threads,
     ).fly(starts)  # fmt: skip
     fates, lost = Fates.unknown(len(starts)), dict(flight.lost)
@@ -347,7 +347,7 @@ def _with(forces: ForceModel, values: Array, whose: str) -> ForceModel:
         raise InputError(f"parameters: {whose}: {error}") from None
 
 
-def _strengths(forces: ForceModel, epoch: Epoch, values: Array | None, count: int) -> Array:
+def strengths_of(forces: ForceModel, epoch: Epoch, values: Array | None, count: int) -> Array:
     """What the kernels need of each clone's parameters, shape (count, 4): radiation, then A1, A2, A3."""
     rows = np.tile(forces.physics(epoch).strength, (count, 1))
     if values is not None and set(forces.parameters) <= set(PARAMETERS):  # linear: 20,000 in no time

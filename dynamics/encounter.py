@@ -271,6 +271,13 @@ def _axes(normal: Array, velocity: Array) -> Array:
     return np.stack([np.cross(normal, zeta), normal, zeta])
 
 
+def plane_axes(ephemeris: Ephemeris, body: str, epoch: Epoch, t_s: float, state: Array, gm: float) -> Array:
+    """Axes (3, 3) of the b-plane of a planetocentric state (6,); of a captured orbit those of its velocity."""
+    bound = float(state[3:] @ state[3:]) <= 2.0 * gm / float(np.linalg.norm(state[:3]))
+    normal = state[3:] / np.linalg.norm(state[3:]) if bound else _asymptote(state, gm)
+    return _axes(normal, _heliocentric_velocity(ephemeris, body, epoch, t_s))
+
+
 def _complex_step(function: Callable[[Analytic], Analytic], x: Array) -> tuple[Array, Array]:
     """Value and Jacobian of an analytic function of a state."""
     columns = [np.imag(function(x + 1e-40j * unit)) / 1e-40 for unit in np.eye(6)]

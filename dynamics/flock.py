@@ -135,9 +135,9 @@ class Flyer:
         def part(first: int) -> Watch:
             some = _some(flock, slice(first, first + AT_ONCE))
             watch = self._flown(some, led, epoch, ROOM * len(some.members))
-            if watch.count[0] > len(watch.records):
-                watch = self._flown(some, led, epoch, int(watch.count[0]))
-            watch.records[:, 0] += first
+            if watch.written[0] > len(watch.records):
+                watch = self._flown(some, led, epoch, int(watch.written[0]))
+            watch.records[: watch.written[0], 0] += first
             return watch
 
         firsts = range(0, len(flock.members), AT_ONCE)
@@ -169,7 +169,7 @@ class Flyer:
     def _looked_at(self, flock: Flock, led: Trajectory, parts: list[Watch], end: float) -> list[Flock]:
         """Look at what was seen of a flock, and tell who has to go on."""
         forces, epoch = led.forces, led.epoch
-        rows = np.concatenate([one.records[: one.count[0]] for one in parts])
+        rows = np.concatenate([one.records[: one.written[0]] for one in parts])
         records = Records(rows=rows, names=forces.bodies, ephemeris=forces.ephemeris, epoch=epoch)
         near = nearest(records)
         entry, impact = descents(records, near, (self.entry_km, 0.0))

@@ -34,3 +34,8 @@ def b_plane_points(states: Array, gm_km3_s2: float, axes: Array) -> tuple[Array,
     b = np.cross(asymptote, h) / speed[:, None]
     lowest = np.sum(h * h, axis=1) / gm_km3_s2 / (1.0 + e)
     return b @ axes[[0, 2]].T, speed, lowest
+
+
+def capture_radius_km(radius_km: float, gm_km3_s2: float, v_infinity_km_s: float) -> float:
+    """Impact parameter of the orbit that touches a surface: gravity focuses."""
+    return float(np.sqrt(radius_km**2 + 2.0 * gm_km3_s2 * radius_km / v_infinity_km_s**2))

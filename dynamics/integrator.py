@@ -136,8 +136,9 @@ def take_up(n: int, w: Work, orbit: Array, strength: Array) -> None:
 
 
 @inlined_kernel
-def begin(n: int, w: Work, orbit: Array, strength: Array) -> None:
-    """Put one orbit where a step works, and Phi = I, zeta = 0."""
+def begin(n: int, m: Memory, w: Work, orbit: Array, strength: Array) -> None:
+    """Forget the integration before, put one orbit where a step works, and Phi = I, zeta = 0."""
+    clear(n, m)
     take_up(n, w, orbit, strength)
     for i in range(min(3, w.px.shape[0])):
         w.px[4 * i], w.pv[9 + 4 * i] = 1.0, 1.0
@@ -181,11 +182,9 @@ def march(
     w, sampled, guided = laid_out(m, layout.shape[0]), samples.tide.shape[0] > 0, guide.start.shape[0] > 0
     t, h, h_before, taken = clock[0], clock[1], clock[2], int(clock[3])
     shown, following, sign, status = 0, 0, 1.0 if end_s > 0.0 else -1.0, OK
-    converged, error, limit, excess = True, 0.0, 0.0, EXCESS_ON_A_GRID if guided else EXCESS
-    down = False
+    converged, down, error, limit, excess = True, False, 0.0, 0.0, EXCESS_ON_A_GRID if guided else EXCESS
     if taken == 0:
-        clear(n, m)
-        begin(n, w, orbits[0], strengths[0])
+        begin(n, m, w, orbits[0], strengths[0])
     while sign * (end_s - t) > 0.0 and taken < MOST_STEPS:
         if not sampled and taken == steps.start.shape[0]:
             status = FULL
@@ -214,22 +213,19 @@ def march(
             error, limit = last_coefficient(w.A) / size, max(tolerance, noise)
             if not converged or error > excess * limit:
                 if sampled:
-                    samples.tide[o] = np.inf
-                    leave(o, LEFT, t, w, samples.watch)
+                    leave(o, LEFT, t, w, samples)
                 continue
             if variations:
                 solve_variations(n, w, p, columns, h)
             if sampled:
-                following = sample(o, taken, shown, w, samples)
-                down = watched(n, o, t, h, w, samples.watch)
+                following, down = sample(o, taken, shown, w, samples), watched(n, o, t, h, w, samples.watch)
             else:
                 store(n, steps, taken, t, h, w)
             advance(n, w, h)
             if sampled:
                 put_down(n, w, orbits[o])
-            if sampled and down:
-                samples.tide[o] = np.inf
-                leave(o, DOWN, t_next, w, samples.watch)
+                if down:
+                    leave(o, DOWN, t_next, w, samples)
         shown = following
         if not sampled and (not converged or error > excess * limit):
             if guided:

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from nebosvod.dynamics.compilation import inlined_kernel
 from nebosvod.dynamics.stages import largest
-from nebosvod.dynamics.workspace import Watch, Work
+from nebosvod.dynamics.workspace import Samples, Watch, Work
 
 Array = npt.NDArray[np.float64]
 LEFT, DOWN = 1.0, 2.0  # why an orbit does not fly on: the steps do not suit it; it came down
@@ -21,8 +21,9 @@ STEEP = 5e-8  # s^-2: GM/r^3 at a tenth above the surface of every body is large
 
 
 @inlined_kernel
-def leave(o: int, why: float, t: float, w: Work, watch: Watch) -> None:
-    """Write down from where an orbit must go on."""
+def leave(o: int, why: float, t: float, w: Work, samples: Samples) -> None:
+    """Take an orbit off these steps, and write down from where it must go on."""
+    samples.tide[o], watch = np.inf, samples.watch
     if o < watch.left.shape[0]:
         watch.left[o, 0], watch.left[o, 1] = why, t
         for i in range(3):
@@ -32,8 +33,8 @@ def leave(o: int, why: float, t: float, w: Work, watch: Watch) -> None:
 @inlined_kernel
 def keep(o: int, kind: float, body: int, t: float, h: float, at: float, w: Work, watch: Watch) -> None:
     """Write down the step in hand."""
-    k = watch.count[0]
-    watch.count[0] = k + 1
+    k = watch.written[0]
+    watch.written[0] = k + 1
     if k < watch.records.shape[0]:
         row = watch.records[k]
         row[0], row[1], row[2], row[3], row[4], row[5] = o, kind, body, t, h, at

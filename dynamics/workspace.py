@@ -151,7 +151,7 @@ class Watch(NamedTuple):
     stop2: Array  # (bodies,) km^2: an orbit below this has come down for certain, and ends
     last2: Array  # (orbits, 2 b) squared distances at the last two nodes; negative where there are none yet
     records: Array  # (room, RECORD) see `watch.keep`
-    count: Integers  # (1,) how many there are, or would be with more room
+    written: Integers  # (1,) how many there are, or would be with more room
     left: Array  # (orbits, 8): LEFT or DOWN and the time and barycentric state from which an orbit must go on; else 0
 
 

@@ -1,10 +1,13 @@
 """`nebosvod risk`: whether an orbit may hit the Earth or the Moon, and how probable that is."""
 
 from pathlib import Path
+from typing import Literal
 
 import click
 
 from nebosvod.errors import InputError
+
+Coordinates = Literal["cartesian", "equinoctial"]
 
 
 @click.command()
@@ -13,13 +16,22 @@ from nebosvod.errors import InputError
 @click.option("--bodies", default="earth,moon", show_default=True, help="What may be hit: planets and moon, by commas.")
 @click.option("--on", help="From when the years of the Palermo scale count, UTC; the epoch of the orbit by default.")
 @click.option("--draws", default=10_000, show_default=True, help="Orbits of the plain sampling.")
+@click.option(
+    "--coordinates",
+    default="cartesian",
+    show_default=True,
+    type=click.Choice(["cartesian", "equinoctial"]),
+    help="In which the uncertainty is an ellipsoid.",
+)
+@click.option("--diameter", help="Of the object, such as 490 m; from H with albedo 0.154 by default.")
+@click.option("--density", type=float, help="kg/m3; 2600 by default.")
 @click.option("--seed", default=1, show_default=True, help="Of the random draws.")
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="Also write a folder: JSON, draws, a page.")
 @click.option("--overwrite", is_flag=True, help="Replace an earlier answer in the same folder.")
 @click.option("--json", "as_json", is_flag=True, help="Print it as JSON, and nothing else, on stdout.")
 def risk(
-    orbit: str, until: str, bodies: str, on: str | None, draws: int, seed: int, output: Path | None, overwrite: bool,
-    as_json: bool,
+    orbit: str, until: str, bodies: str, on: str | None, draws: int, coordinates: Coordinates, diameter: str | None,
+    density: float | None, seed: int, output: Path | None, overwrite: bool, as_json: bool,
 ) -> int:  # fmt: skip
     """How probable it is that ORBIT hits, by several ways, for each virtual impactor.
 
@@ -32,7 +44,7 @@ def risk(
     import time
 
     from nebosvod.commands.progress import stages
-    from nebosvod.commands.risk_answer import asked_bodies, asked_date, print_risk
+    from nebosvod.commands.risk_answer import asked_bodies, asked_date, asked_size, print_risk
     from nebosvod.dynamics import Ephemeris
     from nebosvod.impacts.risk import risk as search
     from nebosvod.results.result import json_text
@@ -47,10 +59,13 @@ def risk(
     if seed < 0:
         raise InputError(f"--seed: {seed} (allowed: 0 or more)")
     given, ephemeris = read_orbit(orbit), Ephemeris.load()
+    size = asked_size(given.magnitude, diameter, density)
     with stages() as progress:
-        progress("flying the drawn orbits")
-        found = search(given, last, ephemeris, bodies=targets, on=since, draws=draws, seed=seed)
-        summary = summarise(given, found, targets, seed)
+        found = search(
+            given, last, ephemeris, bodies=targets, on=since, draws=draws, seed=seed, coordinates=coordinates,
+            say=progress,
+        )  # fmt: skip
+        summary = summarise(found, targets, seed, size)
         if output is not None:
             from nebosvod.report.pages import report_text
             from nebosvod.results.result import OwnedFolder

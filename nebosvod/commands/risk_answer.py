@@ -6,10 +6,14 @@ from typing import Any
 
 import click
 
+from nebosvod.commands.approaches_answer import lasting
 from nebosvod.dynamics.ephemeris import PLANETS
 from nebosvod.errors import InputError
+from nebosvod.impacts.scales import Size
+from nebosvod.impacts.ways import WORDS
 from nebosvod.mission.fields import observation_time
 from nebosvod.timescale import Epoch
+from nebosvod.units import LENGTH, quantity
 
 Row = Mapping[str, Any]
 ALLOWED = tuple(body for body in PLANETS if body not in ("sun", "pluto"))
@@ -46,10 +50,31 @@ def asked_bodies(text: str) -> list[str]:
     return names
 
 
+def asked_size(magnitude: tuple[float, float] | None, diameter: str | None, density: float | None) -> Size | None:
+    """What --diameter and --density say, else the size by the magnitude.
+
+    Raises
+    ------
+    InputError
+        If one cannot be used; names the option.
+    """
+    km = None
+    if diameter is not None:
+        try:
+            km = quantity(diameter, LENGTH)
+        except InputError as error:
+            raise InputError(f"--diameter: {error}") from None
+        if not 0.0 < km < 10_000.0:
+            raise InputError(f"--diameter: {diameter} (allowed: more than 0, below 10000 km)")
+    if density is not None and not 10.0 <= density <= 20_000.0:
+        raise InputError(f"--density: {density:g} kg/m3 (allowed: 10 to 20000)")
+    return Size.of(None if magnitude is None else magnitude[0], km, density)
+
+
 def chance(row: Row) -> str:
     """Probability and its interval; of no hit the bound."""
     if row["bound"]:
-        return f"< {row['high']:.2g} (95 %)"
+        return f"< {row['high']:.2g} (95 %)" if row["high"] < 1.0 else "-"
     p, low, high = row["probability"], row["low"], row["high"]
     return f"{p:.3g}" if low == high else f"{p:.3g} ({low:.3g} to {high:.3g})"
 
@@ -62,19 +87,66 @@ def print_risk(summary: Row, folder: Path | None) -> None:
     for text in summary["warnings"]:
         click.echo(f"notice: {text}", err=True)
     for row in summary["virtual_impactors"]:
-        click.echo(f"\n{row['body'].capitalize()} on {row['epoch_utc'][:19].replace('T', ' ')} UTC: {chance(row)}")
-        click.echo(f"  {row['recommended']}: {row['reason']}")
-        for way in row["ways"]:
-            click.echo(f"  {way['way']:<20} {chance(way)}{'; ' + way['note'] if way['note'] else ''}")
-        if row["palermo"] is not None:
-            torino = "" if row["torino"] is None else f", Torino {row['torino']}"
-            click.echo(f"  {row['energy_mt']:.3g} Mt of TNT; Palermo {row['palermo']:.2f}{torino}")
+        for line in _impactor(row):
+            click.echo(line)
     if not summary["virtual_impactors"]:
         bound = f"P < {summary['sampling']['high']:.2g} (95 %)"
         where = " or ".join(summary["bodies"])
         click.echo(
             f"\nno virtual impactor of {where} until {summary['until_utc'][:10]}: none of "
-            f"{summary['n_draws']} drawn orbits hits, {bound}"
+            f"{summary['n_draws']} drawn orbits hits, {bound}, and no other way finds one in reach of 7 sigma"
         )
+    if summary["palermo_cumulative"] is not None and len(summary["virtual_impactors"]) > 1:
+        click.echo(f"\nPalermo scale of all together {summary['palermo_cumulative']:.2f}")
     if folder is not None:
         click.echo(f"report: {folder / 'report.html'}")
+
+
+def _impactor(row: Row) -> list[str]:
+    """Lines of one virtual impactor."""
+    when = row["epoch_utc"][:19].replace("T", " ")
+    said = [
+        "",
+        f"{row['body'].capitalize()} on {when} UTC +- {lasting(row['sigma_time_s'])}: {chance(row)}",
+        f"  {WORDS[row['recommended']]}: {row['reason']}",
+    ]
+    for way in row["ways"]:
+        said.append(f"    {WORDS[way['way']]:<21} {chance(way)}{'; ' + way['note'] if way['note'] else ''}")
+    if row["sigmas"] is not None:
+        stretched = "" if row["stretching_km"] is None else f", where one moves it by {row['stretching_km']:.4g} km"
+        said.append(f"  {row['sigmas']:.2f} sigmas along the line of variations{stretched}")
+    if row["energy_mt"] is not None:
+        scales = "" if row["palermo"] is None else f"; Palermo {row['palermo']:.2f}"
+        scales += "" if row["torino"] is None else f", Torino {row['torino']}"
+        said.append(f"  {row['energy_mt']:.3g} Mt of TNT{scales}")
+    ground = row["corridor"]["ground"]
+    if ground is not None and ground["latitude_deg"] is not None:
+        said.append(f"  ground: {_place(ground)}")
+    budget = row["budget"]
+    if budget is not None:
+        said += _budget(budget)
+    return said
+
+
+def _place(level: Row) -> str:
+    """Where, when, and how sharply."""
+    place = f"{abs(level['latitude_deg']):.2f} {'N' if level['latitude_deg'] >= 0.0 else 'S'}, "
+    place += f"{abs(level['longitude_deg']):.2f} {'E' if level['longitude_deg'] >= 0.0 else 'W'} (geodetic)"
+    if level["semi_major_km"] is not None:
+        place += f", {level['semi_major_km']:.3g} x {level['semi_minor_km']:.3g} km"
+    else:
+        place += f" amid a corridor ({level['no_ellipse']})"
+    return f"{place}; {level['speed_km_s']:.2f} km/s, {level['below_horizon_deg']:.0f} deg below the horizon"
+
+
+def _budget(budget: Row) -> list[str]:
+    """What the probability hangs on: the strongest sources."""
+    said = ["  what it hangs on: source, d ln P / d ln sigma, P if it were halved"]
+    if not budget["enough"]:
+        said[0] += f" (a hint, from {budget['effective_hits']:.0f} effective hits)"
+    for row in budget["rows"][:5]:
+        said.append(
+            f"    {row['source']:<32} {row['elasticity']:+.2f} +- {row['elasticity_error']:.2f}   "
+            f"{row['probability_if_halved']:.3g}"
+        )
+    return said

@@ -126,6 +126,28 @@ def R_itrf_from_icrf(epoch: Epoch) -> Array:
     return result
 
 
+def on_the_ground(positions_km: Array, epoch: Epoch, t_s: Array) -> tuple[Array, Array, Array]:
+    """Geodetic longitude and latitude (n,), rad, of points (n, 3) from the Earth's centre, ICRF, each at its own time.
+
+    The third is the normal of the ellipsoid there, up (n, 3), ICRF.
+
+    Parameters
+    ----------
+    t_s : shape (n,), TDB seconds after the epoch.
+    """
+    tt = tt_days(epoch, t_s)
+    earth = orientation(np.full(len(t_s), epoch.day), tt)
+    turn = erfa.rz(erfa.era00(*earth.ut1_jd), np.tile(np.eye(3), (len(t_s), 1, 1)))
+    pole = erfa.pom00(earth.x_pole_rad, earth.y_pole_rad, erfa.sp00(epoch.day, tt))
+    to_ground = np.einsum("nij,njk,nlk->nil", pole, turn, R_icrf_from_cirs(epoch, t_s))
+    fixed = np.einsum("nij,nj->ni", to_ground, positions_km)
+    longitude, latitude, _ = erfa.gc2gde(EARTH_RADIUS_KM, EARTH_FLATTENING, fixed)
+    cos = np.cos(latitude)
+    normal = np.stack([cos * np.cos(longitude), cos * np.sin(longitude), np.sin(latitude)], axis=1)
+    up: Array = np.einsum("nij,ni->nj", to_ground, normal)
+    return (longitude + np.pi) % (2.0 * np.pi) - np.pi, latitude, up
+
+
 def place_of(position_km: Array) -> Place:
     """Longitude, latitude and altitude of a point (3,) of ITRF axes, over the ellipsoid of WGS 84."""
     longitude, latitude, altitude = erfa.gc2gde(EARTH_RADIUS_KM, EARTH_FLATTENING, position_km)

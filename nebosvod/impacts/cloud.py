@@ -44,6 +44,24 @@ class Passage:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Crossing:
+    """Where members come down through a height above the surface of a body; nan for those that do not.
+
+    Attributes
+    ----------
+    t_s : (n,) TDB seconds after the epoch of the cloud.
+    longitude_deg, latitude_deg : (n,) geodetic, on the Earth; nan on other bodies.
+    speed_km_s, elevation_deg : (n,) relative to the body's centre; the angle of the path below the horizon.
+    """
+
+    t_s: Array
+    longitude_deg: Array
+    latitude_deg: Array
+    speed_km_s: Array
+    elevation_deg: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Cloud:
     """Drawn orbits with their fates.
 
@@ -51,13 +69,13 @@ class Cloud:
     ----------
     epoch : of the deviations.
     names : the columns of the deviations: the six of the state, then the parameters.
-    deviations : (n, 6 + m) from the estimate, km, km/s, units of the parameters.
+    deviations : (n, 6 + m) from the estimate, normal with its covariance where weights are 1; km, km/s, units of the
+        parameters. The orbits flown are `coordinates.starts` of them.
     weights : (n,) prior density over that of the draw; ones for plain draws.
     body : (n,) what it hits; "" for nothing until the end.
-    t_s : (n,) when it comes to the surface, TDB seconds after `epoch`; nan without a hit.
-    longitude_deg, latitude_deg : (n,) geodetic, where on the Earth; nan elsewhere.
-    speed_km_s, elevation_deg : (n,) there, relative to the body's centre, and the angle of the path below the horizon.
-    passages : the encounters that were asked about.
+    ground, entry : at the surface of what it hits, and 100 km above the surface of what it first comes down to; one
+        with an entry that hits nothing grazes.
+    passages : encounters of members with the bodies that were watched, by time.
     """
 
     epoch: Epoch
@@ -65,16 +83,24 @@ class Cloud:
     deviations: Array
     weights: Array
     body: npt.NDArray[np.str_]
-    t_s: Array
-    longitude_deg: Array
-    latitude_deg: Array
-    speed_km_s: Array
-    elevation_deg: Array
+    ground: Crossing
+    entry: Crossing
     passages: tuple[Passage, ...]
 
     def __len__(self) -> int:
         """How many orbits."""
         return len(self.weights)
+
+    @property
+    def t_s(self) -> Array:
+        """When each comes to the surface (n,), TDB seconds after `epoch`; nan without a hit."""
+        return self.ground.t_s
+
+    @property
+    def grazes(self) -> Flags:
+        """Which members (n,) come below 100 km, and not to the ground."""
+        found: Flags = np.isfinite(self.entry.t_s) & ~self.hit
+        return found
 
     @property
     def hit(self) -> Flags:

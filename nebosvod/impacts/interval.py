@@ -2,7 +2,7 @@
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import betaincinv
+from scipy.special import betaincinv, ndtri
 
 Array = npt.NDArray[np.float64]
 LEVEL = 0.95
@@ -21,6 +21,20 @@ def of_count(hits: int, draws: int, level: float = LEVEL) -> tuple[float, float]
     low = float(betaincinv(hits, draws - hits + 1, tail))
     high = float(betaincinv(hits + 1, draws - hits, 1.0 - tail)) if hits < draws else 1.0
     return low, high
+
+
+def of_weights(weights: Array, hits: npt.NDArray[np.bool_], level: float = LEVEL) -> tuple[float, float, float]:
+    """Probability and interval from weighed draws, by the spread of their products with the hits.
+
+    The interval is symmetric in the logarithm, so that it never reaches 0.
+    """
+    product = weights * hits
+    value = float(product.mean())
+    if value == 0.0:
+        return 0.0, 0.0, 1.0
+    relative = float(product.std(ddof=1)) / np.sqrt(len(product)) / value
+    factor = float(np.exp(ndtri(0.5 + 0.5 * level) * relative))
+    return value, value / factor, min(value * factor, 1.0)
 
 
 def effective(weights: Array) -> float:

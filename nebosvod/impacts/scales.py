@@ -3,6 +3,8 @@
 Diameter from H with the mean albedo of near-Earth objects, mass with a mean density, as the impact lists do.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 
 DIAMETER_KM_AT_H0 = 1329.0
@@ -11,6 +13,26 @@ DENSITY_KG_M3 = 2600.0
 JOULE_PER_MT = 4.184e15
 BACKGROUND_PER_YEAR = 0.03  # impacts of an energy of 1 Mt and more
 TORINO_YEARS = 100.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Size:
+    """How large and dense the object is taken to be, and where that is from."""
+
+    diameter_km: float
+    density_kg_m3: float
+    said: str
+
+    @classmethod
+    def of(cls, H: float | None, diameter: float | None = None, density_kg_m3: float | None = None) -> "Size | None":
+        """From what is known; None without a diameter and a magnitude."""
+        dense = DENSITY_KG_M3 if density_kg_m3 is None else density_kg_m3
+        if diameter is not None:
+            return cls(diameter_km=diameter, density_kg_m3=dense, said="given")
+        if H is None:
+            return None
+        said = f"H {H:g} with albedo {ALBEDO}"
+        return cls(diameter_km=diameter_km(H), density_kg_m3=dense, said=said)
 
 
 def diameter_km(H: float, albedo: float = ALBEDO) -> float:

@@ -16,6 +16,7 @@ from nebosvod.report.kit.scale import calendar, linear, logarithmic, named
 from nebosvod.report.kit.target import TargetView, target_plates
 from nebosvod.report.kit.wording import count, percent, quantity
 from nebosvod.report.kit.worldmap import Corridor, maps
+from nebosvod.report.risk.draws import draws_of
 from nebosvod.report.risk.words import body_name, chance, impactor_name, way_name
 from nebosvod.timescale import SECONDS_PER_DAY, Epoch
 
@@ -41,11 +42,12 @@ def shown_draws(arrays: Arrays, which: npt.NDArray[np.bool_]) -> npt.NDArray[np.
 def plane_plates(row: Item, arrays: Arrays) -> list[Plate]:
     """The target plane of one virtual impactor."""
     k, one = row["number"], row["approach"]
-    points, hits = np.asarray(arrays[f"xi_zeta_km_{k}"]), np.asarray(arrays[f"hits_{k}"], dtype=np.bool_)
-    chosen = shown_draws(arrays, np.isfinite(points).all(axis=1))
-    other = np.asarray(arrays["hit_body"])[chosen] != ""
+    drawn = draws_of(k, arrays)
+    points, hits = np.asarray(drawn["xi_zeta_km"]), np.asarray(drawn["hits"], dtype=np.bool_)
+    chosen = shown_draws(drawn, np.isfinite(points).all(axis=1))
+    other = np.asarray(drawn["hit_body"])[chosen] != ""
     fates = np.where(hits[chosen], "hit", np.where(other, "other", "miss"))
-    grazes = arrays.get(f"grazes_{k}")
+    grazes = drawn.get("grazes")
     if grazes is not None:
         fates = np.where(np.asarray(grazes, dtype=np.bool_)[chosen] & ~hits[chosen], "graze", fates)
     centre, K = _ellipse(one)
@@ -57,16 +59,16 @@ def plane_plates(row: Item, arrays: Arrays) -> list[Plate]:
         "The b-plane of the encounter at one scale: {} (radius {}), the dashed circle that its pull makes of it ({}), "
         "and {} drawn orbits by their fate."
     ).format(body_name(row["body"]), quantity(view.radius_km, "km", 4), quantity(view.capture_km, "km", 4), len(chosen))
-    if K is not None:
+    if K is not None and one is not None:
         caption += Markup(" The linear ellipse is {} × {} (1σ).").format(
             quantity(one["semi_major_km"], "km"), quantity(one["semi_minor_km"], "km")
         )
     return target_plates(f"target-{k}", view, f"Target plane of {impactor_name(row)}", caption)
 
 
-def _ellipse(one: Item) -> tuple[Array | None, Array | None]:
+def _ellipse(one: Item | None) -> tuple[Array | None, Array | None]:
     """Centre and covariance of the linear ellipse of an approach."""
-    if one["xi_km"] is None or one["semi_major_km"] is None:
+    if one is None or one["xi_km"] is None or one["semi_major_km"] is None:
         return None, None
     angle = np.radians(one["angle_deg"])
     along = np.array([np.cos(angle), np.sin(angle)])
@@ -78,13 +80,14 @@ def _ellipse(one: Item) -> tuple[Array | None, Array | None]:
 def corridor_plates(rows: Sequence[Item], arrays: Arrays) -> list[Plate]:
     """Where the drawn orbits that hit the Earth come down, all virtual impactors on one map."""
     corridors, land, drawn = [], 0, 0
-    place = np.stack([np.asarray(arrays["longitude_deg"]), np.asarray(arrays["latitude_deg"])], axis=1)
     mine = [row for row in rows if row["body"] == "earth"]
     for number, row in enumerate(mine):
-        hits = np.asarray(arrays[f"hits_{row['number']}"], dtype=np.bool_) & np.isfinite(place).all(axis=1)
-        points = place[shown_draws(arrays, hits)]
+        own = draws_of(row["number"], arrays)
+        place = np.stack([np.asarray(own["longitude_deg"]), np.asarray(own["latitude_deg"])], axis=1)
+        hits = np.asarray(own["hits"], dtype=np.bool_) & np.isfinite(place).all(axis=1)
+        points = place[shown_draws(own, hits)]
         one, (color, marker) = row["approach"], SERIES[(number + 1) % len(SERIES)]
-        nominal = None if one["longitude_deg"] is None else (one["longitude_deg"], one["latitude_deg"])
+        nominal = None if one is None or one["longitude_deg"] is None else (one["longitude_deg"], one["latitude_deg"])
         name = "drawn orbits" if len(mine) == 1 else row["epoch_utc"][:10]
         corridors.append(Corridor(name=name, points=points, nominal=nominal, color=color, marker=marker))
         land, drawn = land + int(on_land(*points.T).sum()), drawn + len(points)

@@ -37,7 +37,7 @@ class Shown:
     ways_table: Table
     budget: Plate | None
     budget_table: Table | None
-    encounter: Table
+    encounter: Table | None
 
 
 def make_risk_page(folder: Path) -> str:

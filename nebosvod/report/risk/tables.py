@@ -7,6 +7,7 @@ import numpy as np
 from markupsafe import Markup
 
 from nebosvod.report.kit.wording import DASH, moment, number, percent, quantity
+from nebosvod.report.risk.draws import draws_of
 from nebosvod.report.risk.words import body_name, chance, way_name
 from nebosvod.report.run.tables import Cell, Table
 from nebosvod.timescale import Epoch
@@ -35,7 +36,7 @@ def impactor_table(rows: Sequence[Item]) -> Table | None:
         ("by", "l", lambda row: way_name(row["recommended"])),
         ("ν, sigmas", "r", lambda row: _plain(row.get("sigmas"))),
         ("stretching, km/σ", "r", lambda row: _plain(row.get("stretching_km"))),
-        ("v∞", "r", lambda row: _speed(row["approach"]["v_infinity_km_s"])),
+        ("v∞", "r", lambda row: _speed(_v_infinity(row))),
         ("energy", "r", lambda row: DASH if row["energy_mt"] is None else f"{number(row['energy_mt'])} Mt"),
         ("Palermo", "r", lambda row: DASH if row["palermo"] is None else f"{row['palermo']:.2f}".replace("-", "−")),
         ("Torino", "r", lambda row: DASH if row["torino"] is None else str(row["torino"])),
@@ -46,6 +47,12 @@ def impactor_table(rows: Sequence[Item]) -> Table | None:
         caption="Virtual impactors: sets of orbits inside the uncertainty that hit one body at one encounter.",
         head=tuple(name for name, _, _ in used), align="".join(letter for _, letter, _ in used), rows=tuple(cells),
     )  # fmt: skip
+
+
+def _v_infinity(row: Item) -> float | None:
+    """Of the hits where it is known, else of the estimate."""
+    value = row.get("v_infinity_km_s") or (row["approach"] or {}).get("v_infinity_km_s")
+    return None if value is None else float(value)
 
 
 def _plain(value: float | None) -> str:
@@ -107,9 +114,11 @@ def _share_with_error(value: float, error: float) -> str:
     )
 
 
-def encounter_table(row: Item) -> Table:
+def encounter_table(row: Item) -> Table | None:
     """What is known of the encounter of the estimate itself."""
     one = row["approach"]
+    if one is None:
+        return None
     facts: list[tuple[str, Cell]] = [
         ("time of the estimate", moment(one["epoch_utc"])),
         ("1σ of it", quantity(one["sigma_time_s"], "s")),
@@ -131,7 +140,8 @@ def corridor_table(row: Item, arrays: Mapping[str, Any], epoch_tdb: str) -> Tabl
     """Places along the corridor of the Earth by time: the first, the last and those between."""
     if row["body"] != "earth":
         return None
-    t_s, hits = np.asarray(arrays["hit_t_s"]), np.asarray(arrays[f"hits_{row['number']}"], dtype=np.bool_)
+    arrays = draws_of(row["number"], arrays)
+    t_s, hits = np.asarray(arrays["hit_t_s"]), np.asarray(arrays["hits"], dtype=np.bool_)
     chosen = np.flatnonzero(hits & np.isfinite(t_s) & np.isfinite(arrays["longitude_deg"]))
     if not len(chosen):
         return None

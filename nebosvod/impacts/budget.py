@@ -1,0 +1,25 @@
+"""What the probability of a virtual impactor hangs on: elasticities by source, from the draws that tell most of it."""
+
+from nebosvod.errors import InputError
+from nebosvod.estimation.accuracy.elasticity import ProbabilityBudget, probability_budget
+from nebosvod.impacts.risk import VirtualImpactor
+from nebosvod.orbits.uncertain import UncertainOrbit
+
+
+def budget_of(orbit: UncertainOrbit, one: VirtualImpactor) -> ProbabilityBudget | None:
+    """The budget; None where the sources of the covariance are not known, or hardly an orbit hits.
+
+    Notes
+    -----
+    Weights of importance sampling are those of normalised densities, so that their total is the number of draws.
+    """
+    if not orbit.sources:
+        return None
+    cloud = one.cloud
+    weighed = bool((cloud.weights != 1.0).any())
+    try:
+        return probability_budget(
+            cloud.deviations, one.passage.hits, orbit.sources, cloud.weights, float(len(cloud)) if weighed else None
+        )
+    except InputError:  # fewer than two hits
+        return None

@@ -1,0 +1,147 @@
+"""The line of variations: a string of orbits along the weak direction, its returns, and the chance of a hit from them.
+
+The string is straight in the coordinates of the course, through the estimate, along the most probable deviations that
+move the orbit ahead or behind. Where it passes near the body its closest points are refined; what is left of the
+confidence region across the string is taken as normal there, so the chance is an integral along the string.
+
+References
+----------
+Milani, Chesley, Sansaturio, Tommei, Valsecchi 2005, Icarus 173, 362.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from nebosvod.dynamics import Trajectory
+from nebosvod.estimation.accuracy.inside import inside_disc
+from nebosvod.impacts.cloud import Cloud, Passage
+from nebosvod.impacts.flight import GAP_S, Course
+from nebosvod.impacts.hitting import AFTER_S, HittingOrbit
+from nebosvod.timescale import Epoch
+
+Array = npt.NDArray[np.float64]
+ENDS, POINTS = 5.0, 401
+ROUNDS, FINE = 4, 9
+NODES = 121
+REACH = 6.0  # sigmas across the string
+DEEP = 40.0  # capture radii: a string that comes no nearer is not looked at
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Minimum:
+    """A point of the string that is nearest to a body: its sigma, when, and how far in the target plane."""
+
+    body: str
+    epoch: Epoch
+    sigma: float
+    distance_km: float
+    capture_radius_km: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Line:
+    """The string: its direction (n,) in whitened deviations, sigmas (k,), their flight, and the returns."""
+
+    course: Course
+    direction: Array
+    sigmas: Array
+    cloud: Cloud
+    minima: tuple[Minimum, ...]
+
+    def probability(self, orbit: HittingOrbit, body: str) -> float:
+        """Chance of a hit near one hitting orbit, by the string.
+
+        Parameters
+        ----------
+        orbit : whose partials tell how wide the region is across the string, and where the string is nearest.
+        """
+        along = orbit.J @ self.direction
+        across = orbit.J - np.outer(along, self.direction)
+        size, radius = float(np.linalg.norm(along)), orbit.plane.capture_radius_km
+        middle = float(self.direction @ orbit.u)
+        half = (1.5 * radius + REACH * float(np.linalg.norm(across, 2))) / max(size, 1e-300)
+        sigmas = np.linspace(max(middle - half, -9.0), min(middle + half, 9.0), NODES)
+        last = min(orbit.epoch + AFTER_S, self.course.last)
+        passage = _passage(self._fly(sigmas, last), body, orbit.epoch)
+        if passage is None:
+            return 0.0
+        turn = orbit.plane.axes[[0, 2]] @ passage.axes[[0, 2]].T
+        points = passage.xi_zeta_km @ turn.T
+        known = np.isfinite(points).all(axis=1)
+        chance = np.array([inside_disc(b, across, radius) for b in points[known]])
+        density = np.exp(-0.5 * sigmas[known] ** 2) / np.sqrt(2.0 * np.pi)
+        return float(np.trapezoid(density * chance, sigmas[known]))
+
+    def _fly(self, sigmas: Array, last: Epoch) -> Cloud:
+        return self.course.fly(_strung(self.course, self.direction, sigmas), None, last)
+
+
+def line_of_variations(course: Course, nominal: Trajectory, about_s: float) -> Line:
+    """Fly the string and refine where it comes nearest.
+
+    Parameters
+    ----------
+    nominal : the estimate with its sensitivities.
+    about_s : when the direction is that along the track, TDB seconds after the epoch.
+    """
+    direction = weak_direction(course, nominal, about_s)
+    sigmas = np.linspace(-ENDS, ENDS, POINTS)
+    cloud = course.fly(_strung(course, direction, sigmas))
+    minima = [one for passage in cloud.passages for one in _refined(course, direction, sigmas, passage)]
+    return Line(course=course, direction=direction, sigmas=sigmas, cloud=cloud, minima=tuple(minima))
+
+
+def weak_direction(course: Course, nominal: Trajectory, about_s: float) -> Array:
+    """Unit vector (n,) of whitened deviations: the most probable ones for a displacement along the track."""
+    at = nominal.at([about_s])
+    velocity = at.state[0, 3:]
+    row = (velocity / np.linalg.norm(velocity)) @ np.hstack([at.Phi[0, :3], at.zeta[0, :3]]) @ course.orbit.factor
+    direction: Array = row / np.linalg.norm(row)
+    return direction
+
+
+def _strung(course: Course, direction: Array, sigmas: Array) -> Array:
+    """Deviations (k, n) of the string."""
+    deviations: Array = sigmas[:, None] * (course.orbit.factor @ direction)
+    return deviations
+
+
+def _refined(course: Course, direction: Array, sigmas: Array, passage: Passage) -> list[Minimum]:
+    """The points of the string nearest to the body at one encounter."""
+    distance = np.linalg.norm(passage.xi_zeta_km, axis=1)
+    held = np.where(np.isfinite(distance), distance, np.inf)
+    before, after = np.concatenate([[np.inf], held[:-1]]), np.concatenate([held[1:], [np.inf]])
+    spacing = sigmas[1] - sigmas[0]
+    found = []
+    for k in np.flatnonzero(np.isfinite(held) & (held <= before) & (held < after)):
+        slope = min(abs(held[k] - one) for one in (before[k], after[k]))
+        if held[k] - (slope if np.isfinite(slope) else held[k]) > DEEP * passage.capture_radius_km:
+            continue
+        middle, half, lowest = float(sigmas[k]), float(spacing), float(held[k])
+        last = min(passage.epoch + GAP_S, course.last)
+        for _ in range(ROUNDS):
+            near = middle + half * np.linspace(-1.0, 1.0, FINE)
+            fine = _passage(course.fly(_strung(course, direction, near), None, last), passage.body, passage.epoch)
+            if fine is None:
+                break
+            reach = np.linalg.norm(fine.xi_zeta_km, axis=1)
+            if not np.isfinite(reach).any():
+                break
+            best = int(np.nanargmin(reach))
+            middle, half, lowest = float(near[best]), half / 4.0, float(reach[best])
+        if lowest <= DEEP * passage.capture_radius_km:
+            found.append(
+                Minimum(
+                    body=passage.body, epoch=passage.epoch, sigma=middle, distance_km=lowest,
+                    capture_radius_km=passage.capture_radius_km,
+                )
+            )  # fmt: skip
+    return found
+
+
+def _passage(cloud: Cloud, body: str, near: Epoch) -> Passage | None:
+    """The encounter of a cloud with a body about a time."""
+    same = [one for one in cloud.passages if one.body == body and abs(one.epoch - near) < GAP_S]
+    return min(same, key=lambda one: abs(one.epoch - near), default=None)
