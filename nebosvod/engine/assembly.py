@@ -11,6 +11,7 @@ Cost and memory are linear in the number of measurements.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -26,18 +27,27 @@ from nebosvod.scene.image import at_radius, moved_by_radius
 from nebosvod.scene.point import Point, View
 from nebosvod.scene.prior import STATE_NAMES, PriorTable
 from nebosvod.scene.scene import Scene
+from nebosvod.scene.sharing import ALONE, Shared
 
 Array = npt.NDArray[np.float64]
 
 
-def nominal_view(scene: Scene, near: Array | None = None, *, simulates: bool = True) -> View:
+def nominal_view(scene: Scene, near: Array | None = None, *, simulates: bool = True, shared: Shared = ALONE) -> View:
     """The reference orbit seen, with every parameter at its nominal value and every nuisance at its mean.
 
     Parameters
     ----------
     near, simulates : as of `view`.
+    shared : of missions that differ in few keys; what was computed for the same orbit, times and places is taken.
     """
-    observation = compute(scene.trajectory, scene.exposures, near, simulates=simulates)
+    exposures = scene.exposures
+    computed = shared.made(
+        "observation",
+        lambda: simulates,
+        lambda: compute(scene.trajectory, exposures, near, simulates=simulates),
+        (scene.trajectory, exposures.observer),
+    )
+    observation = replace(computed, telescopes=exposures.telescopes, noise=exposures.noise(computed.rate))
     values = dict(zip(scene.forces.parameters, scene.forces.values.tolist()))
     terms = _terms(scene, scene.nuisances, observation)
     means = {

@@ -24,6 +24,7 @@ from nebosvod.observation.measurement.exposures import Exposures, row_order
 from nebosvod.scene.declared import Declared, as_assumed
 from nebosvod.scene.instruments import nuisance, telescopes
 from nebosvod.scene.logarithmic import LogarithmicForces
+from nebosvod.scene.sharing import ALONE, Shared, aimed, flown
 from nebosvod.timescale import SECONDS_PER_DAY, Epoch
 
 Array = npt.NDArray[np.float64]
@@ -90,8 +91,12 @@ class PlannedScene(Scene):
     visibilities: tuple[Visibility, ...]
 
 
-def build_scene(mission: Mission) -> PlannedScene:
+def build_scene(mission: Mission, shared: Shared = ALONE) -> PlannedScene:
     """Build the objects of the stages and find what can be seen.
+
+    Parameters
+    ----------
+    shared : of missions that differ in few keys; what is made of the same is taken from an earlier one.
 
     Raises
     ------
@@ -102,19 +107,34 @@ def build_scene(mission: Mission) -> PlannedScene:
     GeometryError
         If no telescope sees the object at any epoch; the message says which limit removed how many.
     """
-    ephemeris = load_ephemeris(mission)
+    ephemeris = shared.made("ephemeris", lambda: str(mission.ephemeris_path), lambda: load_ephemeris(mission))
     forces = force_model(mission, ephemeris)
     require_epochs(mission, ephemeris)
     span, needed = _span(mission, forces)
     span = covered(span, (min(_measured(mission)), needed), forces, mission.reference_epoch)
-    with asking(mission, "object", "orbit"):
-        state = state_at(mission.object.orbit, mission.reference_epoch, forces)
+
+    def orbit() -> tuple[ForceModel, Array, Trajectory]:
+        with asking(mission, "object", "orbit"):
+            state = state_at(mission.object.orbit, mission.reference_epoch, forces)
+        with asking(mission, "schedule"):
+            return forces, state, follow(state, mission.reference_epoch, span, needed, forces, True)
+
+    forces, state, trajectory = shared.made("orbit", lambda: flown(mission, span), orbit, (ephemeris,))
+    if trajectory.span_s[1] < span[1]:  # it hits something: whether too early depends on what is needed here
+        forces, state, trajectory = orbit()
     with asking(mission, "schedule"):
-        trajectory = follow(state, mission.reference_epoch, span, needed, forces, True)
         instruments = telescopes(mission)
-        visibilities = tuple(_visibility(mission, telescope, trajectory) for telescope in instruments)
+        visibilities = tuple(
+            shared.made(
+                "visibility",
+                lambda block=block: aimed(mission, block),  # type: ignore[misc]
+                lambda telescope=telescope: _visibility(mission, telescope, trajectory),  # type: ignore[misc]
+                (trajectory,),
+            )
+            for block, telescope in zip(mission.telescopes, instruments)
+        )
         _require_seen(instruments, visibilities)
-    exposures, sources, nuisances = measured(mission, instruments, visibilities, ephemeris)
+    exposures, sources, nuisances = measured(mission, instruments, visibilities, ephemeris, shared)
     return PlannedScene(
         mission=mission,
         ephemeris=ephemeris,
@@ -197,12 +217,21 @@ def _require_seen(instruments: Sequence[Telescope], visibilities: Sequence[Visib
 
 
 def measured(
-    mission: Mission, instruments: Sequence[Telescope], visibilities: Sequence[Visibility], ephemeris: Ephemeris
+    mission: Mission,
+    instruments: Sequence[Telescope],
+    visibilities: Sequence[Visibility],
+    ephemeris: Ephemeris,
+    shared: Shared = ALONE,
 ) -> tuple[Exposures, dict[str, Source], tuple[Nuisance, ...]]:
     """What is seen as exposures, and what is uncertain about it: sources by name, and as observation knows them."""
     pairs = [(t, seen) for t, seen in zip(instruments, visibilities) if seen.visible.any()]
     planned = [(telescope, seen.t_s[seen.visible]) for telescope, seen in pairs]
-    exposures = Exposures.of(mission.reference_epoch, planned, ephemeris)
+    exposures = shared.made(
+        "exposures",
+        lambda: None,
+        lambda: Exposures.of(mission.reference_epoch, planned, ephemeris),
+        (ephemeris, *(seen for _, seen in pairs)),
+    ).by([telescope for telescope, _ in pairs])
     seeing = {telescope.name for telescope, _ in pairs}
     active = {s.name: s for s in mission.sources if seeing & set(s.telescopes)}
     found: list[Nuisance] = []

@@ -4,11 +4,13 @@ The first estimator, no drawn noise, no iteration: as a run, but for the terms o
 brings. Predictions and budgets are made when they are asked for.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
 
+from nebosvod.dynamics import Trajectory
 from nebosvod.engine.assembly import computed_psi, linear_problem, nominal_view
 from nebosvod.engine.fitting import SOLVERS, fit
 from nebosvod.engine.mean_errors import MeanErrors, mean_errors
@@ -20,9 +22,11 @@ from nebosvod.estimation import Estimate
 from nebosvod.findings.foretold import Missing, believable, predicted
 from nebosvod.findings.nonlinearity import Nonlinearity
 from nebosvod.findings.prediction import Answered, answered
-from nebosvod.mission import Mission
+from nebosvod.mission import Mission, SkyPrediction
+from nebosvod.mission.request import Prediction
 from nebosvod.scene.prior import STATE_NAMES, prior_table
 from nebosvod.scene.scene import PlannedScene, build_scene
+from nebosvod.scene.sharing import ALONE, Shared
 
 Array = npt.NDArray[np.float64]
 
@@ -93,7 +97,27 @@ NOT_MEASURED = Nonlinearity(
 )
 
 
-def evaluate(mission: Mission, wanted: frozenset[str], seed: tuple[int, ...] | None = None) -> Point:
+def _predicted(
+    scene: PlannedScene, trajectory: Trajectory, requests: Sequence[Prediction], shared: Shared
+) -> tuple[list[Quantity], list[Missing]]:
+    """Predictions that exist on an orbit and those that do not; of the same orbit, each once."""
+    found, missing = [], []
+    for request in requests:
+        carrier = scene.mission.carrier(request.telescope) if isinstance(request, SkyPrediction) else None
+        one = shared.made(
+            "prediction",
+            lambda request=request, carrier=carrier: (request, carrier),  # type: ignore[misc]
+            lambda request=request: predicted(scene, trajectory, [request]),  # type: ignore[misc]
+            (trajectory,),
+        )
+        found += one.found
+        missing += one.missing
+    return found, missing
+
+
+def evaluate(
+    mission: Mission, wanted: frozenset[str], seed: tuple[int, ...] | None = None, shared: Shared = ALONE
+) -> Point:
     """Evaluate a mission.
 
     Parameters
@@ -101,6 +125,7 @@ def evaluate(mission: Mission, wanted: frozenset[str], seed: tuple[int, ...] | N
     wanted : names of the predictions that are asked for.
     seed : the seed and the key of a drawn truth, which is then estimated to convergence; None for the covariance at
         the reference orbit.
+    shared : of the points before; what this one has in common with them is taken from there.
 
     Raises
     ------
@@ -109,9 +134,9 @@ def evaluate(mission: Mission, wanted: frozenset[str], seed: tuple[int, ...] | N
     NebosvodError
         As the stages raise it.
     """
-    scene = build_scene(mission)
+    scene = build_scene(mission, shared)
     priors = prior_table(mission, scene.forces, scene.state)
-    nominal, estimator = nominal_view(scene), mission.estimators[0]
+    nominal, estimator = nominal_view(scene, shared=shared), mission.estimators[0]
     trajectory = scene.trajectory
     if seed is None:
         problem = linear_problem(scene, estimator, nominal, computed_psi(nominal), priors, about=nominal.point)
@@ -126,7 +151,7 @@ def evaluate(mission: Mission, wanted: frozenset[str], seed: tuple[int, ...] | N
     if estimate.solution is None:
         raise GeometryError(estimate.message, rank=estimate.rank, weak_direction=estimate.weak_direction)
     requests = [one for one in mission.predictions if one.name in wanted]
-    told = believable(*predicted(scene, trajectory, requests), estimate)
+    told = believable(*_predicted(scene, trajectory, requests, shared), estimate)
     return Point(
         scene=scene,
         estimate=estimate,

@@ -19,6 +19,7 @@ from nebosvod.mission.fields import Block, KeyPath, Parsed, Several, Text
 from nebosvod.mission.reading.explain import Explainer
 from nebosvod.mission.reading.reader import Editable
 from nebosvod.mission.yaml.yamlfile import Problem, YamlFile, parse_yaml, read_text, shown
+from nebosvod.scene.sharing import Shared
 from nebosvod.studies.answers import Asked, read_answer
 from nebosvod.studies.axes import MOST_VALUES, Axis, in_unit, read_axis
 from nebosvod.studies.sampling import Points, Sample, read_sample
@@ -182,6 +183,7 @@ class Study:
     text, path : of the file; path is None for text.
     drawn : how often each point is drawn; 0 for the covariance at the reference orbit.
     editable : makes the mission of a point; points : what is varied there.
+    shared : what its points have in common.
     """
 
     name: str
@@ -197,6 +199,7 @@ class Study:
     search: Search | None
     editable: Editable = field(repr=False)
     points: Points
+    shared: Shared = field(default_factory=Shared, repr=False)
 
     @staticmethod
     def load(folder: str | Path) -> Any:

@@ -264,4 +264,4 @@ def row(study: Study, number: int) -> Point:
     index, draw = divmod(number, max(1, study.drawn))
     changes = {path: value for axis, (value, _) in zip(study.axes, study.points[index]) for path in axis.paths}
     seed = (study.seed, index, draw) if study.drawn else None
-    return evaluate(study.editable.edited(changes), study.wanted, seed)
+    return evaluate(study.editable.edited(changes), study.wanted, seed, study.shared)

@@ -128,6 +128,16 @@ class Exposures:
         """Number of exposures."""
         return len(self.t_s)
 
+    def by(self, telescopes: Sequence[Telescope]) -> "Exposures":
+        """The same times and places by telescopes that differ in how well they measure alone."""
+        index = self.telescope_index
+        return replace(
+            self,
+            telescopes=tuple(telescopes),
+            sigma_rad=np.array([telescope.sigma_rad for telescope in telescopes])[index],
+            timing_sigma_s=np.array([telescope.timing_sigma_s for telescope in telescopes], dtype=np.float64)[index],
+        )
+
     def rows(self, telescopes: Sequence[str]) -> Rows:
         """Row numbers, in order, of the exposures by the named telescopes; InputError if one makes none."""
         return rows_of(telescopes, self.telescopes, self.telescope_index)
