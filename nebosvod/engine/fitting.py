@@ -2,7 +2,7 @@
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
@@ -66,6 +66,7 @@ class Fit:
         problem is not observable.
     mean_errors : what is off on average from what the estimator assumes.
     filtered : what a filter believed after each measurement, of the methods that keep it.
+    deviation : of the point where `problem` is linearised from the start.
     """
 
     estimator: Estimator
@@ -80,6 +81,7 @@ class Fit:
     history: History | None
     mean_errors: MeanErrors
     filtered: Filtered | None = None
+    deviation: Mapping[str, float] = field(default_factory=dict)
 
     def mean_error(self, W: Array, names: Sequence[str]) -> Array:
         """Mean (d,) of estimated minus true w = W x, for what is off on average."""
@@ -214,6 +216,7 @@ def fit(
         cost=found.cost,
         point=ended.point,
         problem=ended.problem,
+        deviation=found.deviation,
         seen=ended.seen,
         history=recursive.solve(ended.problem).history if shown else None,
         mean_errors=mean_errors(

@@ -19,6 +19,7 @@ from nebosvod.findings.comparison import Accuracies, comparison
 from nebosvod.findings.curves import Curve, curves
 from nebosvod.findings.drawn import clones, impact_share, spread_of
 from nebosvod.findings.foretold import Foretold
+from nebosvod.findings.inside import Inside, inside
 from nebosvod.findings.nonlinearity import Nonlinearity, nonlinearity
 from nebosvod.findings.prediction import Answered, Prediction, of_fit
 from nebosvod.findings.ratio import NoiseRatio, ratio
@@ -43,6 +44,7 @@ class Findings:
     required : how well positions of telescopes must be known; curves : of the leading estimator.
     accuracies : five of each component of each prediction.
     shifts : of the estimate and the predictions, by every source whose mean is not as assumed.
+    inside : of the leading estimate, what the mission asks to see; None where that is nothing.
     """
 
     budget: tuple[StateShare, ...]
@@ -52,6 +54,7 @@ class Findings:
     curves: tuple[Curve, ...]
     accuracies: tuple[Accuracies, ...]
     shifts: tuple[Shift, ...]
+    inside: Inside | None
     arrays: Mapping[str, Array]
 
 
@@ -89,6 +92,8 @@ def assess(
     against, ratio_arrays = ratio(scene, *(nominal or (fits[0].problem, fits[0].seen)))
     leading = next((fit for fit in found if fit.problem.n <= blame.LARGE and not fit.own_gain), None)
     told = predicted[leading.estimator.name] if leading is not None else []
+    show = scene.mission.report.show
+    shown = inside(scene, leading, show) if leading is not None and show else None
     rows, points = _predictions(scene, fits, foretold, own), dict[str, Array]()
     if found and samples:
         rows, points = _with_drawn(scene, found[0], predicted[found[0].estimator.name], rows, seed)
@@ -100,7 +105,8 @@ def assess(
         curves=tuple(curves(leading, told)) if leading is not None and told else (),
         accuracies=tuple(comparison(scene, different, predicted, samples)),
         shifts=tuple(row for fit in found for row in shifts(fit, predicted[fit.estimator.name])),
-        arrays=ratio_arrays | points,
+        inside=shown,
+        arrays=ratio_arrays | points | ({} if shown is None else dict(shown.arrays)),
     )
 
 

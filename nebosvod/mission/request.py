@@ -328,8 +328,14 @@ class ForcePlan(Block):
         return found
 
 
+Shown = Literal["information", "gains", "nuisances", "smallness"]
+
+
 class ReportPlan(Block):
     """What the report shows."""
 
     sigma_level: Annotated[float, Field(gt=0.0, le=10.0, description="Size of the ellipses drawn")] = 3.0
     note: str | None = Field(None, max_length=5000, description="Free text, shown at the top")
+    show: Several[Shown] = Field(
+        (), description="Of the first estimate: D0, gains and refined nuisances as arrays, and whether errors are small"
+    )

@@ -16,6 +16,7 @@ from nebosvod.estimation.accuracy.consistency import chi_square_interval
 from nebosvod.findings.blame import QuantityShare, QuantitySigmas, Remedied, Remedies, StateShare, StateSigmas
 from nebosvod.findings.comparison import LEVEL, MEANINGS, Accuracies
 from nebosvod.findings.curves import Curve
+from nebosvod.findings.inside import Inside
 from nebosvod.findings.ratio import NoiseRatio, RatioMeans, TelescopeRatio
 from nebosvod.findings.required import RequiredPosition
 from nebosvod.findings.shifts import Shift
@@ -121,6 +122,23 @@ def shift(found: Shift) -> Row:
             for one in found.predictions
         ],
     }
+
+
+def inside(found: Inside) -> Row:
+    """The `inside` block."""
+    row: Row = {"estimator": found.estimator, "arrays": list(found.arrays)}
+    if found.information is not None:
+        told = found.information
+        row["information"] = {
+            "D0": told.D0.tolist(),
+            "sigma_arcsec": told.sigma_arcsec,
+            "n_components": told.count,
+            "sigma_position_km": number(told.sigma_position_km),
+        }
+    if found.smallness is not None:
+        small = found.smallness
+        row["smallness"] = {"largest": number(small.largest), "rms": number(small.rms), "small": small.small}
+    return row
 
 
 def noise_to_nuisance(found: NoiseRatio, needed: Sequence[RequiredPosition]) -> Row:

@@ -55,6 +55,7 @@ def summarise(
         "estimators": [estimator_row(scene, priors, fit) for fit in fits],
         "budget": [rows.state_share(one) for one in findings.budget],
         **({"shifts": [rows.shift(one) for one in findings.shifts]} if findings.shifts else {}),
+        **({} if findings.inside is None else {"inside": rows.inside(findings.inside)}),
         "noise_to_nuisance": rows.noise_to_nuisance(findings.noise_to_nuisance, findings.required),
         "impacts": [prediction_rows.impact(one) for one in impacts_of(findings.predictions)],
         "predictions": [prediction_rows.prediction(one) for one in findings.predictions],

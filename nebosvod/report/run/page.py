@@ -124,6 +124,7 @@ def _tables(run: RunFolder, main: Item | None) -> dict[str, tables.Table | None]
         "limits": advice.limit_table(run),
         "slopes": curves.slope_table(run),
         "visibility": tables.visibility_table(run),
+        "inside": tables.inside_table(run),
         "physics": tables.physics_table(run),
         "provenance": tables.provenance_table(run),
     }

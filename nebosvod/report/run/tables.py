@@ -156,6 +156,29 @@ def budget_of_parameters(run: RunFolder, estimator: Item) -> Table | None:
     )  # fmt: skip
 
 
+def inside_table(run: RunFolder) -> Table | None:
+    """D0, smallness and the names of the arrays, where the mission asks to see inside the estimate."""
+    found = run.summary.get("inside")
+    if not found:
+        return None
+    rows: list[tuple[Cell, ...]] = []
+    if "information" in found:
+        told = found["information"]
+        sigma = quantity(told["sigma_position_km"], "km")
+        for name, line in zip(("x", "y", "z", "vx", "vy", "vz"), told["D0"]):
+            rows.append((f"D0, row of {name}", ", ".join(f"{value:.4g}" for value in line)))
+        rows.append((Markup("position by σ² D0⁻¹ / N, noise alone"), sigma))
+    if "smallness" in found:
+        small = found["smallness"]
+        words = "small" if small["small"] else "not small"
+        rows.append(("second-order terms over the noise, largest", Markup("{} ({})").format(
+            quantity(small["largest"]), words)))  # fmt: skip
+    if found["arrays"]:
+        rows.append(("arrays", ", ".join(found["arrays"])))
+    caption = Markup("Inside the estimate of “{}”").format(found["estimator"])
+    return Table(caption=caption, head=("quantity", "value"), align="ll", rows=tuple(rows))
+
+
 def shift_table(run: RunFolder, estimator: Item) -> Table | None:
     """How far each source that is off on average moves the estimate and its predictions; None where none is."""
     found = [row for row in run.summary.get("shifts") or [] if row["estimator"] == estimator["name"]]
