@@ -15,7 +15,14 @@ import numpy.typing as npt
 from nebosvod.errors import GeometryError, InputError
 from nebosvod.estimation.problem.partition import Partition
 from nebosvod.estimation.problem.problem import Block, LinearProblem, Markov, White
-from nebosvod.estimation.problem.square_root import append_rows, conditioning, solve_lower, solve_upper
+from nebosvod.estimation.problem.square_root import (
+    append_rows,
+    conditioning,
+    covariance_factor,
+    solve_lower,
+    solve_square,
+    solve_upper,
+)
 from nebosvod.estimation.problem.whitening import Whitener, raw_rows
 
 Array = npt.NDArray[np.float64]
@@ -145,6 +152,41 @@ class GaussFilter:
     def __add__(self, other: "GaussFilter") -> "GaussFilter":
         """Join independent data about the same parameters."""
         return GaussFilter(N=self.N + other.N, b=self.b + other.b, cost=self.cost + other.cost)
+
+    def move(self, F: Array, Q: Array) -> "GaussFilter":
+        """Move what has been accumulated to the next epoch, x' = F x + w, w ~ N(0, Q): Genin's accumulation.
+
+        Parameters
+        ----------
+        F : shape (s, s), regular. Q : shape (s, s), noise of the phase coordinates; singular allowed.
+
+        Raises
+        ------
+        InputError
+            If F is singular: then accumulated information has no place after the motion.
+
+        Notes
+        -----
+        N' = (F N^-1 F^T + Q)^-1 without N^-1, which need not exist: with M = F^-T N F^-1, Q = G G^T and
+        D = I + G^T M G, N' = M - M G D^-1 G^T M, b' = F^-T b - M G D^-1 G^T F^-T b. With measurements added the
+        solution is the Kalman filter's. As printed on p. 90 the gain holds K^-1 where K is right, and on p. 88 the
+        prior counts twice.
+
+        References
+        ----------
+        Platonov, Ivanov 2013, Methods of measurement processing, pp. 88-90.
+        """
+        G = covariance_factor(np.asarray(Q, dtype=np.float64), "phase noise")
+        try:
+            turned = solve_square(F.T, np.hstack([self.N, self.b[:, None]]))
+            M = solve_square(F.T, turned[:, :-1].T).T
+        except np.linalg.LinAlgError:
+            raise InputError("GaussFilter.move: the transition is singular") from None
+        M, b = 0.5 * (M + M.T), turned[:, -1]
+        L = np.asarray(np.linalg.cholesky(np.eye(G.shape[1]) + G.T @ M @ G), dtype=np.float64)
+        half = solve_lower(L, np.hstack([G.T @ M, (G.T @ b)[:, None]]))
+        gram = half.T @ half
+        return GaussFilter(N=M - gram[:-1, :-1], b=b - gram[:-1, -1], cost=self.cost - float(gram[-1, -1]))
 
     def solution(self) -> tuple[Array, Array, float]:
         """Estimate (s,), factor (s, s) of its covariance, and chi2.

@@ -9,6 +9,7 @@ from turned_units import MIXED, STATE, case, numbers, problem  # type: ignore[im
 from nebosvod.estimation.accuracy import (
     addition,
     budget,
+    conditional,
     consistency,
     elasticity,
     ellipse,
@@ -18,11 +19,13 @@ from nebosvod.estimation.accuracy import (
     mean_error,
     repeated,
     score,
+    variance_components,
 )
 from nebosvod.estimation.accuracy import refined as nuisance
 from nebosvod.estimation.filters import normal_places
+from nebosvod.estimation.filters.kalman import Belief
 from nebosvod.estimation.problem import sources, subset
-from nebosvod.estimation.solvers import batch, iteration
+from nebosvod.estimation.solvers import batch, iteration, least_moduli
 
 
 @case("budget.unknown", "iteration.recentred")
@@ -281,4 +284,39 @@ def judged(units):
         "consistent": verdict.consistent,
         "coverage": consistency.coverage(errors * u, L * u[:, None], 2.0),
         "pattern": [pattern.runs, pattern.runs_p, pattern.whiteness, pattern.whiteness_p],
+    }
+
+
+@case("conditional.regress", "conditional.Regression", "conditional.conditional_sigmas")
+def regressions(units):
+    rng = np.random.default_rng(3)
+    u = units.x[:5]
+    A = rng.normal(size=(5, 5))
+    belief = Belief.of(0.1 * u, (A @ A.T + np.eye(5)) * np.outer(u, u))
+    found = conditional.regress(belief, [3, 0], [1, 4])
+    given = found.at(0.4 * u[[1, 4]])
+    a, b = u[[3, 0]], u[[1, 4]]
+    return {
+        "slope": found.slope / a[:, None] * b,
+        "mean": given.mean / a,
+        "P": given.covariance / np.outer(a, a),
+        "sigmas": conditional.conditional_sigmas(belief.factor) / u,
+    }
+
+
+@case("variance_components.estimate_components", "variance_components.Components", "variance_components.scaled",
+      "least_moduli.solve", "least_moduli.LeastModuli")  # fmt: skip
+def components_and_moduli(units):
+    given_problem = problem(units, n=30)
+    found = variance_components.estimate_components(given_problem, limit=20)
+    moduli = least_moduli.solve(given_problem)
+    u = units.of(moduli.names)
+    return {
+        "factors": found.factors,
+        "sigma": found.sigma,
+        "R": found.problem.R / np.outer(units.m, units.m),
+        "mean": np.round(moduli.mean / u, 7),
+        "factor": moduli.factor @ moduli.factor.T / np.outer(u, u),
+        "cost": moduli.cost,
+        "exact": moduli.exact.sum(),
     }

@@ -9,14 +9,18 @@ from nebosvod.estimation.filters import (
     block_loop,
     combined,
     consider,
+    continuous,
     current_state,
     kalman,
     refinement,
     smoother,
+    steady,
+    triad,
+    tuning,
     two_stage,
 )
 from nebosvod.estimation.filters.kalman import Belief
-from nebosvod.estimation.solvers import batch
+from nebosvod.estimation.solvers import batch, parabolic
 
 
 def system(units, s=3, steps=6):
@@ -257,4 +261,59 @@ def loop_of_blocks(units):
         "dQ": [matrix / np.outer(u[:2], u[:2]) for one in found for matrix in (one.dQ, one.drift)],
         "refined": beliefs([grid.block.moments()], np.full(2, units.length))["P"],
         "quality": [grid.effective, grid.stages, grid.steepness, grid.rim],
+    }
+
+
+@case("continuous.discretise", "steady.steady_state", "steady.Steady", "steady.steady_map", "tuning.run", "tuning.Pass")
+def systems_without_end(units):
+    u, _, _, H, R, y, belief = system(units)
+    rng = np.random.default_rng(9)
+    A, G = rng.normal(size=(3, 3)) - np.eye(3), rng.normal(size=(3, 2))
+    F1, Q1 = continuous.discretise(
+        A * u[:, None] / u / units.time, G @ G.T * np.outer(u, u) / units.time, 0.7 * units.time
+    )
+    found = steady.steady_state(F1, Q1, H[0], R[0])
+
+    def model(first, second):
+        return F1, Q1 * first, H[0], R[0] * second
+
+    maps = steady.steady_map(model, [0.5, 2.0], [1.0, 3.0], np.diag(1.0 / u))
+    n = len(y)
+    passed = tuning.run(belief, np.array(y), [F1] * n, [Q1] * n, H, R)
+    return beliefs([passed.beliefs[-1]], u) | {
+        "F": F1 * u / u[:, None],
+        "Q": Q1 / np.outer(u, u),
+        "steady": [P / np.outer(u, u) for P in (found.predicted, found.filtered)],
+        "gain": found.gain / u[:, None] * units.m,
+        "sigma": found.sigma / u,
+        "maps": maps,
+        "nis": passed.nis,
+        "cost": passed.cost - 2.0 * n * np.log(units.m).sum(),
+    }
+
+
+@case("tuning.by_likelihood", "tuning.by_nees", "tuning.Tuned", "triad.triad", "triad.Attitude", "parabolic.descend",
+      "parabolic.Path")  # fmt: skip
+def tuned_turned_and_descended(units):
+    m = float(units.m[0])
+    rng = np.random.default_rng(3)
+    v = 1.7 * m * rng.normal(size=40)
+    found = tuning.by_likelihood(lambda f: float(np.sum(v**2) / (f[0] * m**2) + 40.0 * np.log(f[0] * m**2)))
+    pair = rng.normal(size=(2, 3))
+    attitude = triad.triad(pair * m, pair[:, [1, 2, 0]] * units.length, (1e-3, 2e-3))
+    u = units.x[:2]
+
+    def rosenbrock(x):
+        a, b = x / u
+        return np.array([10.0 * (b - a**2), 1.0 - a]), np.array([[-20.0 * a, 10.0], [-1.0, 0.0]]) / u
+
+    path = parabolic.descend(rosenbrock, np.array([-1.2, 1.0]) * u)
+    return {
+        "factor": found.factors,
+        "sigma": found.sigma_log,
+        "nees": tuning.by_nees(lambda q: 4.0 / q),
+        "R": attitude.R_body_from_reference,
+        "P": attitude.covariance,
+        "x": path.x[-1] / u,
+        "steps": len(path.s),
     }

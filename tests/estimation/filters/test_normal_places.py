@@ -7,8 +7,13 @@ import pytest
 
 from nebosvod.errors import GeometryError, InputError
 from nebosvod.estimation.accuracy import consistency
+from nebosvod.estimation.filters import kalman
 from nebosvod.estimation.filters.normal_places import GaussFilter, combine, condense
 from nebosvod.estimation.solvers import batch, recursive
+
+
+def inverse(matrix):
+    return np.linalg.solve(matrix, np.eye(len(matrix)))
 
 
 def arc(problem, keep):
@@ -130,3 +135,47 @@ def test_condensing_hides_the_correlation_that_the_residuals_show():
         places = noise.reshape(40, 25).mean(axis=1) * 5.0
         hidden += consistency.residual_pattern(places).random()
     assert hidden >= 17
+
+
+def test_genins_accumulation_is_the_kalman_filter_and_needs_no_prior():
+    rng = np.random.default_rng(11)
+    F = np.eye(3) + 0.2 * rng.normal(size=(3, 3))
+    G = rng.normal(size=(3, 1))
+    H, R = rng.normal(size=(8, 2, 3)), np.diag([0.4, 1.3])
+    y = rng.normal(size=(8, 2))
+    prior = kalman.Belief.of([0.3, -0.2, 0.1], np.diag([1.0, 2.0, 0.5]))
+    known = GaussFilter.start(3).add(prior.mean, np.eye(3), prior.covariance)
+    unknown, belief = GaussFilter.start(3), prior
+    for k in range(8):
+        if k:
+            belief = kalman.predict(belief, F, G @ G.T)
+            known, unknown = known.move(F, G @ G.T), unknown.move(F, G @ G.T)
+        belief, _ = kalman.update(belief, y[k] - H[k] @ belief.mean, H[k], R)
+        known, unknown = known.add(y[k], H[k], R), unknown.add(y[k], H[k], R)
+    x, S, _ = known.solution()
+    np.testing.assert_allclose(x, belief.mean, atol=1e-11)
+    np.testing.assert_allclose(S @ S.T, belief.covariance, atol=1e-11)
+    # dense least squares over the first state and the phase noises w, for both: estimate of the last state and chi2
+    for found, begun in ((known.solution(), True), (unknown.solution(), False)):
+        rows, right = [], []
+        if begun:
+            W = inverse(prior.factor)
+            rows.append(np.hstack([W, np.zeros((3, 7))]))
+            right.append(W @ prior.mean)
+        state = np.hstack([np.eye(3), np.zeros((3, 7))])
+        for k in range(8):
+            if k:
+                state = F @ state
+                state[:, 2 + k] += G[:, 0]
+            W = inverse(np.linalg.cholesky(R))
+            rows.append(W @ H[k] @ state)
+            right.append(W @ y[k])
+        rows.append(np.hstack([np.zeros((7, 3)), np.eye(7)]))
+        right.append(np.zeros(7))
+        A, v = np.vstack(rows), np.concatenate(right)
+        solution = np.linalg.lstsq(A, v)[0]
+        np.testing.assert_allclose(found[0], state @ solution, atol=1e-10)
+        np.testing.assert_allclose(found[1] @ found[1].T, state @ inverse(A.T @ A) @ state.T, atol=1e-10)
+        assert found[2] == pytest.approx(np.sum((v - A @ solution) ** 2), abs=1e-9)
+    with pytest.raises(InputError, match="singular"):
+        known.move(np.zeros((3, 3)), np.eye(3))
