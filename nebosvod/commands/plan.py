@@ -1,6 +1,7 @@
 """`nebosvod plan`: what to measure next."""
 
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -13,7 +14,11 @@ import click
 @click.option("--visits", "-k", type=int, default=5, show_default=True, help="How many visits to schedule.")
 @click.option("--estimator", help="Name of an estimator [default: the first].")
 @click.option(
-    "--criterion", type=click.Choice(["a", "d"]), default="a", show_default=True, help="a: root trace; d: area, volume."
+    "--criterion",
+    type=click.Choice(["a", "d", "minimax", "guaranteed"]),
+    default="a",
+    show_default=True,
+    help="a: root trace; d: area, volume; minimax: worst correlation of errors; guaranteed: each within 3 sigma.",
 )
 @click.option("--from", "start", help="First candidate epoch, as in a mission file [default: the mission's schedule].")
 @click.option("--to", "end", help="Last candidate epoch.")
@@ -29,7 +34,7 @@ def plan(
     prediction: str | None,
     visits: int,
     estimator: str | None,
-    criterion: str,
+    criterion: Any,
     start: str | None,
     end: str | None,
     step: str | None,

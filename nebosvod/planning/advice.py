@@ -6,7 +6,12 @@ from typing import Any
 from nebosvod.errors import counted
 
 UNITS = {"m_s": "m/s"}
-CRITERIA = {"a": "root trace", "d": "geometric mean of the semi-axes"}
+CRITERIA = {
+    "a": "root trace",
+    "d": "geometric mean of the semi-axes",
+    "minimax": "largest component, whatever the correlation of errors",
+    "guaranteed": "largest error of a component, every error within 3 sigma",
+}
 
 
 def advice(found: Mapping[str, Any]) -> str:

@@ -1,7 +1,8 @@
 """`nebosvod plan`: which next measurement makes a prediction better, by how much an hour, and the next K of them.
 
 Every candidate is scored by an exact update of the present accuracy, K_true, with the estimator's own gain: A is the
-root trace of the prediction's covariance, D the geometric mean of its semi-axes. The schedule is greedy, each visit
+root trace of the prediction's covariance, D the geometric mean of its semi-axes. Beside them stands a worst case where
+one is asked for (`worst_case`). The schedule is greedy, each visit
 the best after those before it, and stands beside as many visits spread evenly, the telescopes in turn.
 """
 
@@ -21,6 +22,7 @@ from nebosvod.estimation.accuracy.addition import Additions, Belief, additions, 
 from nebosvod.mission import Mission
 from nebosvod.mission.reading.reader import require_mission
 from nebosvod.planning.visits import Candidates, candidates, grids
+from nebosvod.planning.worst_case import Worst, WorstCase
 from nebosvod.scene.prior import prior_table
 from nebosvod.scene.scene import PlannedScene, build_scene
 from nebosvod.timescale import Epoch
@@ -28,7 +30,8 @@ from nebosvod.units import DURATION
 from nebosvod.units import quantity as to_internal
 
 Array = npt.NDArray[np.float64]
-Criterion = Literal["a", "d"]
+Criterion = Literal["a", "d", "minimax", "guaranteed"]
+WORST: tuple[Worst, ...] = ("minimax", "guaranteed")
 SCHEMA_VERSION = 1
 HOUR_S = 3600.0
 WINDOW = 0.9  # a window holds the epochs whose gain is at least this part of the best of the telescope
@@ -64,7 +67,7 @@ def read_wish(
     prediction: str | None,
     visits: int,
     estimator: str | None,
-    criterion: str,
+    criterion: Criterion,
     window: tuple[str | None, str | None, str | None],
     visit_time: Sequence[str],
     exposures: int = 1,
@@ -90,7 +93,7 @@ def read_wish(
         prediction=prediction or _usual_prediction(mission),
         visits=visits,
         estimator=estimator,
-        criterion="d" if criterion == "d" else "a",
+        criterion=criterion,
         start_s=None if start is None else _epoch("--from", start) - mission.reference_epoch,
         end_s=None if end is None else _epoch("--to", end) - mission.reference_epoch,
         step_s=None if step is None else _duration("--step", step),
@@ -311,18 +314,23 @@ def _found(
 ) -> dict[str, Any]:
     """What plan.json holds."""
     offered, each_hours = planner.offered, hours[planner.offered.telescope]
-    now = planner.now()
     a, d = planner.each(planner.belief, [])
     scores: dict[Criterion, Array] = {"a": a, "d": d}
-    present: dict[Criterion, float] = {"a": now[0], "d": now[1]}
+    now: dict[Criterion, float] = dict(zip(scores, planner.now()))
+    greedy: dict[Criterion, list[int]] = {name: planner.greedy(wish.visits, each_hours, name) for name in scores}
+    worst = None
+    for name in WORST:
+        if wish.criterion == name:
+            worst = WorstCase(offered, planner.W, planner.belief.names, name, planner.overlapping)
+            scores[name], now[name] = worst.each([]), worst.after([])
+            greedy[name] = worst.best(wish.visits, each_hours, scores[name])
     best = {
-        name: _visit(scene, planner, int(np.argmax(_rate(present[name], scores[name], each_hours))), (a, d), now)
+        name: _visit(scene, planner, int(np.argmax(_rate(now[name], scores[name], each_hours))), scores, now)
         for name in scores
     }
-    chosen = scores[wish.criterion]
-    rates = _rate(present[wish.criterion], chosen, each_hours)
-    windows = [_window(scene, planner, number, rates, (a, d), now) for number in np.unique(offered.telescope).tolist()]
-    greedy: dict[Criterion, list[int]] = {name: planner.greedy(wish.visits, each_hours, name) for name in scores}
+    rates = _rate(now[wish.criterion], scores[wish.criterion], each_hours)
+    windows = [_window(scene, planner, number, rates, scores, now) for number in np.unique(offered.telescope).tolist()]
+    reached = worst.along if worst is not None else None
     unit = asked.unit
     per_arc = [s.name for s in scene.mission.sources if getattr(s.error, "correlation", "") == "per_arc"]
     return {
@@ -339,12 +347,13 @@ def _found(
         "exposures": wish.exposures,
         "spacing_s": wish.spacing_s,
         "visit_hours": {telescope.name: float(h) for telescope, h in zip(scene.telescopes, hours)},
-        "sigma_now": {"a": now[0], "d": now[1]},
+        "sigma_now": now,
+        **({} if worst is None else {"sigma_of_all_candidates": worst.floor()}),
         "best_next": best,
         "windows": sorted(windows, key=lambda row: -row["reduction_per_hour"]),
         "never_visible": [t.name for t, seen in zip(scene.telescopes, offered.visible_s) if not len(seen)],
-        "greedy": {name: _schedule(scene, planner, greedy[name]) for name in greedy},
-        "uniform": _schedule(scene, planner, planner.even(wish.visits)),
+        "greedy": {name: _schedule(scene, planner, greedy[name], wish.criterion, reached) for name in greedy},
+        "uniform": _schedule(scene, planner, planner.even(wish.visits), wish.criterion, reached),
         "curves": _curves(scene, planner, scores),
         "warnings": [
             f"{name}: arcs are told apart by gaps, and candidate epochs fill them; its arcs are those of all epochs"
@@ -354,16 +363,18 @@ def _found(
 
 
 def _visit(
-    scene: PlannedScene, planner: Planner, number: int, sigmas: tuple[Array, Array], now: tuple[float, float]
+    scene: PlannedScene,
+    planner: Planner,
+    number: int,
+    scores: Mapping[Criterion, Array],
+    now: Mapping[Criterion, float],
 ) -> dict[str, Any]:
     """One candidate and what it gives."""
     return {
         "telescope": scene.telescopes[planner.offered.telescope[number]].name,
         "epoch_tdb": (scene.epoch + float(planner.offered.t_s[number])).iso(digits=0),
-        "sigma_after": {"a": float(sigmas[0][number]), "d": float(sigmas[1][number])},
-        "reduction_percent": {
-            name: 100.0 * (1.0 - float(sigma[number]) / before) for name, sigma, before in zip(("a", "d"), sigmas, now)
-        },
+        "sigma_after": {name: float(sigma[number]) for name, sigma in scores.items()},
+        "reduction_percent": {name: 100.0 * (1.0 - float(sigma[number]) / now[name]) for name, sigma in scores.items()},
     }
 
 
@@ -372,8 +383,8 @@ def _window(
     planner: Planner,
     telescope: int,
     rates: Array,
-    sigmas: tuple[Array, Array],
-    now: tuple[float, float],
+    scores: Mapping[Criterion, Array],
+    now: Mapping[Criterion, float],
 ) -> dict[str, Any]:
     """The best epoch of a telescope and the epochs around it that are nearly as good, without a gap."""
     mine = np.flatnonzero(planner.offered.telescope == telescope)
@@ -386,22 +397,29 @@ def _window(
         last += 1
     t_s, seen = planner.offered.t_s[mine], planner.offered.visible_s[telescope]
     return {
-        **_visit(scene, planner, int(mine[best]), sigmas, now),
+        **_visit(scene, planner, int(mine[best]), scores, now),
         "window_tdb": [(scene.epoch + float(t)).iso(digits=0) for t in t_s[[first, last]]],
         "visible_tdb": [[(scene.epoch + float(t)).iso(digits=0) for t in one] for one in seen],
         "reduction_per_hour": float(rates[mine][best]),
     }
 
 
-def _schedule(scene: PlannedScene, planner: Planner, taken: Sequence[int]) -> list[dict[str, Any]]:
+def _schedule(
+    scene: PlannedScene,
+    planner: Planner,
+    taken: Sequence[int],
+    criterion: Criterion,
+    reached: Callable[[Sequence[int]], list[float]] | None,
+) -> list[dict[str, Any]]:
     """Visits in the order they are chosen, and the sigmas after each."""
+    worst = reached(taken) if reached is not None else None
     return [
         {
             "telescope": scene.telescopes[planner.offered.telescope[number]].name,
             "epoch_tdb": (scene.epoch + float(planner.offered.t_s[number])).iso(digits=0),
-            "sigma_after": {"a": a, "d": d},
+            "sigma_after": {"a": a, "d": d} | ({} if worst is None else {criterion: worst[k]}),
         }
-        for number, (a, d) in zip(taken, planner.along(taken))
+        for k, (number, (a, d)) in enumerate(zip(taken, planner.along(taken)))
     ]
 
 
