@@ -28,17 +28,18 @@ def print_plan(found: Mapping[str, Any], console: Console | None = None) -> None
         out.print(f"warning: {escape(warning)}")
 
 
-def _table(title: str, left: tuple[str, ...], right: tuple[str, ...]) -> Table:
-    table = Table(title=title, title_justify="left", title_style="", box=SIMPLE, pad_edge=False, padding=(0, 1, 0, 0))
+def table(title: str, left: tuple[str, ...], right: tuple[str, ...]) -> Table:
+    """An empty table of the terminal: columns of words, then of numbers."""
+    made = Table(title=title, title_justify="left", title_style="", box=SIMPLE, pad_edge=False, padding=(0, 1, 0, 0))
     for heading in left:
-        table.add_column(heading)
+        made.add_column(heading)
     for heading in right:
-        table.add_column(heading, justify="right")
-    return table
+        made.add_column(heading, justify="right")
+    return made
 
 
 def _windows(found: Mapping[str, Any], which: str, unit: str) -> Table:
-    table = _table(
+    rows = table(
         "Next measurement (epochs TDB)",
         ("telescope", "best epoch", "good from", "good until"),
         (f"sigma, {unit}", "less by", f"{unit}/h"),
@@ -47,20 +48,20 @@ def _windows(found: Mapping[str, Any], which: str, unit: str) -> Table:
         first, last = (short_epoch(epoch)[5:] for epoch in row["window_tdb"])
         less, hourly = f"{row['reduction_percent'][which]:.2g} %", f"{row['reduction_per_hour']:.3g}"
         sigma = f"{row['sigma_after'][which]:.4g}"
-        table.add_row(escape(row["telescope"]), short_epoch(row["epoch_tdb"]), first, last, sigma, less, hourly)
-    return table
+        rows.add_row(escape(row["telescope"]), short_epoch(row["epoch_tdb"]), first, last, sigma, less, hourly)
+    return rows
 
 
 def _schedules(found: Mapping[str, Any], which: str, unit: str) -> Table:
-    table = _table(f"Schedule, chosen and even (epochs TDB, sigma in {unit})", ("", "chosen", "epoch"), ("sigma",))
+    rows = table(f"Schedule, chosen and even (epochs TDB, sigma in {unit})", ("", "chosen", "epoch"), ("sigma",))
     for heading in ("even", "epoch"):
-        table.add_column(heading)
-    table.add_column("sigma", justify="right")
+        rows.add_column(heading)
+    rows.add_column("sigma", justify="right")
     for number, (one, other) in enumerate(zip(found["greedy"][which], found["uniform"]), start=1):
         cells = [
             cell
             for row in (one, other)
             for cell in (escape(row["telescope"]), short_epoch(row["epoch_tdb"]), f"{row['sigma_after'][which]:.4g}")
         ]
-        table.add_row(str(number), *cells)
-    return table
+        rows.add_row(str(number), *cells)
+    return rows

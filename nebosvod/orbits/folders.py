@@ -69,9 +69,21 @@ def _orbit(
         nongrav=nongrav,
         settings=_settings(physics),
         sources={str(name): unit[:, None] * np.asarray(G, dtype=np.float64) for name, G in parts},
+        shared=_shared(arrays, label, len(names)),
         magnitude=_magnitude(summary),
         origin=f"{path} ({kind})",
     )
+
+
+def _shared(arrays: Mapping[str, npt.NDArray[Any]], label: str, size: int) -> dict[str, Array]:
+    """Errors common to many measurements by name, each a row over the unit draws of the orbit, then of all of these."""
+    if f"orbit_shared_names_{label}" not in arrays:
+        return {}
+    names = [str(name) for name in arrays[f"orbit_shared_names_{label}"]]
+    rows = np.asarray(arrays[f"orbit_shared_factor_{label}"], dtype=np.float64)
+    if rows.shape != (len(names), size + len(names)):
+        raise InputError(f"orbit_shared_factor_{label}: needs shape ({len(names)}, {size + len(names)})")
+    return dict(zip(names, rows, strict=True))
 
 
 def _row(path: Path, rows: list[Mapping[str, Any]], estimator: str | None) -> Mapping[str, Any]:

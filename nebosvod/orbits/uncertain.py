@@ -34,6 +34,8 @@ class UncertainOrbit:
     radiation, nongrav : forces of the object's own, or None.
     settings : further keywords of `ForceModel`: relativity, asteroids, ...
     sources : covariance by source of error where known: name -> factor (6 + m, k); they sum to the covariance.
+    shared : errors of telescopes that the measurements behind this orbit have in common and coming ones will have, by
+        name: rows (6 + m + k,) of the joint lower factor, over the unit draws of `factor` and then of all k of these.
     magnitude : H and G, or None.
     origin : what it was read from, in words.
     notices : what a reader must know before using it.
@@ -53,6 +55,7 @@ class UncertainOrbit:
     nongrav: Nongrav | None = None
     settings: Mapping[str, Any] = field(default_factory=dict)
     sources: Mapping[str, Array] = field(default_factory=dict)
+    shared: Mapping[str, Array] = field(default_factory=dict)
     magnitude: tuple[float, float] | None = None
     origin: str = ""
     notices: tuple[str, ...] = ()

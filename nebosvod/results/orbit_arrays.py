@@ -11,17 +11,26 @@ from nebosvod.mission import Question
 from nebosvod.scene.prior import STATE_NAMES
 
 Arrays = dict[str, npt.NDArray[Any]]
+MOST_SHARED = 600  # errors common to many measurements that are stored with the orbit; with more, none is
 
 
 def orbit_arrays(mission: Question, estimate: Estimate, label: str) -> Arrays:
     """Names (n,), lower factor (n, n) of the true covariance, and source names (g,) with their factors (g, n, n).
 
-    Considered and ignored parameters of the forces are among the names: the state depends on them.
+    Considered and ignored parameters of the forces are among the names: the state depends on them. So it does on the
+    biases and other errors common to many measurements (k), which coming measurements of the same telescopes will have
+    as well: their rows (k, n + k) of the joint lower factor stand beside.
     """
-    known = {*estimate.names, *estimate.left_out}
+    known = (*estimate.names, *estimate.left_out)
     names = (*STATE_NAMES, *(p.name for p in mission.free_parameters if p.name in known))
+    shared = tuple(name for name in known if name not in names)
+    if len(shared) > MOST_SHARED:
+        shared = ()
     found = estimate.predict(np.eye(len(names)), names)
+    joint = estimate.factor((*names, *shared))
     return {
+        f"orbit_shared_names_{label}": np.array(shared, dtype=np.str_),
+        f"orbit_shared_factor_{label}": joint[len(names) :],
         f"orbit_names_{label}": np.array(names),
         f"orbit_factor_{label}": found.factor,
         f"orbit_source_names_{label}": np.array(list(found.factors), dtype=np.str_),

@@ -17,8 +17,11 @@ from nebosvod.estimation.accuracy import (
     guaranteed,
     inside,
     mean_error,
+    polynomial,
+    preposterior,
     repeated,
     score,
+    target_map,
     variance_components,
 )
 from nebosvod.estimation.accuracy import refined as nuisance
@@ -65,6 +68,27 @@ def budget_of_a_probability(units):
     told = [(row.value, row.error, row.share, row.halved, row.halved_error) for row in found.rows]
     assert found.line is not None
     return {"rows": told, "line": found.line / sizes, "sigmas": found.sigmas, "hits": found.effective_hits}
+
+
+@case("preposterior.foresee", "preposterior.reweighed", "preposterior.Foreseen", "polynomial.Polynomial",
+      "target_map.TargetMap")  # fmt: skip
+def future_probabilities(units):
+    """States are whitened and measurements in units of their noise; points of the target plane have a unit."""
+    u, size = np.random.default_rng(9).standard_normal((900, 3)), units.length
+    points = np.stack([3.0 * u[:, 0] + 0.1 * u[:, 1] ** 2, u[:, 2]], axis=1)
+    hits = np.linalg.norm(points, axis=1) < 1.5
+    target = target_map.TargetMap.of(u, points * size, hits, 1.5 * size)
+    assert target is not None
+    curve = polynomial.Polynomial.through(u * size, points, 2)
+    found = preposterior.foresee(u, 3.0 * u[:, :2], hits, np.random.default_rng(1), 20, hit=target.hit)
+    alone = preposterior.reweighed(np.zeros((1, 2)), u[:, :2], hits, np.ones(900), np.zeros(1, dtype=np.int64))
+    return {
+        "probability": found.probability,
+        "effective": found.effective,
+        "map": [target.radius / size, target.reach / size, target.error],
+        "curve": curve.gradient(u[:2] * size) * size,
+        "alone": alone,
+    }
 
 
 @case("refined.refine", "refined.NuisanceEstimate")

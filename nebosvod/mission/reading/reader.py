@@ -84,6 +84,11 @@ def load_mission_text(text: str, name: str = "mission") -> Mission:
     return mission
 
 
+def load_text_beside(text: str, name: str, folder: Path) -> Mission | FitMission:
+    """Load a mission or a fit from text that names files below a folder; `name` stands for the file in messages."""
+    return _load(parse_yaml(text, name), folder / "mission.yaml")
+
+
 def require_mission(value: object, function: str) -> None:
     """Refuse what is no mission where a function of this package is given one.
 

@@ -1,0 +1,235 @@
+"""`nebosvod plan --decide`: the future probability against the linear-Gaussian answer, fresh fits, and kept odds."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+import nebosvod
+from nebosvod.cli import main
+from nebosvod.dynamics import Ephemeris, ForceModel, propagate
+from nebosvod.dynamics.impact import follow
+from nebosvod.ephemerides.observers import observer
+from nebosvod.impacts.approaches import approaches
+from nebosvod.mission import load_mission_text
+from nebosvod.observation import observe
+from nebosvod.orbits.uncertain import UncertainOrbit
+from nebosvod.planning.coming import Watch, visit
+from nebosvod.planning.decide import Decision, Wanted, decide
+from nebosvod.planning.decision import advice
+from nebosvod.report.decision_page import make_decision_page
+from nebosvod.scene.instruments import telescopes
+from nebosvod.scene.orbit import read_orbit
+from nebosvod.timescale import Epoch
+from nebosvod.units import ARCSEC
+
+SCHEMA = json.loads((Path(nebosvod.__file__).parent / "planning" / "decision.schema.json").read_text("utf-8"))
+IMPACT, EPOCH = Epoch.parse("2030-05-20T06:00:00 TDB"), Epoch.parse("2030-04-10T00:00:00 TDB")
+UNTIL = Epoch.parse("2030-06-01 TDB")
+DAY = 86400.0
+SIGMA = 4.0  # arcsec
+LEVELS = (0.01, 0.1, 0.5, 0.9)
+TIMES = {"first": EPOCH + 4 * DAY, "last": EPOCH + 10 * DAY, "step_s": 3 * DAY, "exposures": 3, "spacing_s": 600.0}
+
+
+def made_up(bodies: Ephemeris) -> UncertainOrbit:
+    """An orbit that passes the Earth's centre at 3,000 km after forty days, 44,000 km long and 50 km wide there."""
+    earth, sun = (bodies.state_km_km_s(name, IMPACT, np.array([-DAY]))[0] for name in ("earth", "sun"))
+    v = 12.0 * np.array([0.6, -0.7, 0.387]) / np.linalg.norm([0.6, -0.7, 0.387])
+    side = np.cross(v, [0.0, 0.0, 1.0])
+    side /= np.linalg.norm(side)
+    near = earth - sun + np.concatenate([3000.0 * side - DAY * v, v])
+    before = IMPACT + (-DAY)
+    start = propagate(near, before, [EPOCH - before], ForceModel(ephemeris=bodies), False, margin_s=0.0)
+    covariance = np.diag([30.0**2] * 3 + [1e-10] * 3)
+    covariance[3:, 3:] += np.outer(side, side) * 1.2e-2**2
+    return UncertainOrbit(name="made up", epoch=EPOCH, state=start.state[0], factor=np.linalg.cholesky(covariance))
+
+
+@pytest.fixture(scope="module")
+def bodies() -> Ephemeris:
+    return Ephemeris.load()
+
+
+@pytest.fixture(scope="module")
+def orbit(bodies: Ephemeris) -> UncertainOrbit:
+    return made_up(bodies)
+
+
+def geocentre(sigma_arcsec: float) -> Watch:
+    return Watch(telescope=replace(observer("500"), name="500", sigma_rad=sigma_arcsec * ARCSEC), question=None)
+
+
+@pytest.fixture(scope="module")
+def decision(orbit: UncertainOrbit, bodies: Ephemeris) -> Decision:
+    wanted = Wanted(**TIMES, until=UNTIL, bodies=("earth",), draws=10_000, truths=2500, flown=1000)
+    return decide(orbit, [geocentre(SIGMA)], wanted, bodies)
+
+
+def linear_quantiles(orbit: UncertainOrbit, bodies: Ephemeris, t_s: np.ndarray) -> list[float]:
+    """Quantiles of P by covariances alone: of the target point the mean moves by what its variance loses."""
+    near = next(one for one in approaches(orbit, EPOCH, UNTIL, 0.1, bodies).found if one.body == "earth")
+    assert near.plane is not None
+    K = orbit.factor @ orbit.factor.T
+    path = follow(orbit.state, EPOCH, (-DAY, t_s[-1]), t_s[-1], orbit.forces(bodies), True)
+    H = observe(path, geocentre(SIGMA).telescope, t_s, bodies).H.reshape(2 * len(t_s), 6)
+    S = H @ K @ H.T + np.eye(2 * len(t_s)) * (SIGMA * ARCSEC) ** 2
+    T = near.plane.partials_state
+    now, learnt = T @ K @ T.T, T @ K @ H.T @ np.linalg.solve(S, H @ K @ T.T)
+    axis = np.linalg.eigh(now)[1][:, 1]  # it is 50 km wide and as good as a line
+    along, across = float(near.plane.coordinates_km @ axis), near.plane.coordinates_km @ [-axis[1], axis[0]]
+    half = np.sqrt(near.plane.capture_radius_km**2 - across**2)
+    moved, left = np.sqrt(axis @ learnt @ axis), np.sqrt(axis @ (now - learnt) @ axis)
+    mean = along + moved * norm.ppf((np.arange(100_000) + 0.5) / 100_000)
+    return [float(q) for q in np.quantile(norm.cdf((half - mean) / left) - norm.cdf((-half - mean) / left), LEVELS)]
+
+
+def test_where_linear_is_right_the_distribution_is_the_linear_one(
+    decision: Decision, orbit: UncertainOrbit, bodies: Ephemeris
+) -> None:
+    assert [one.visit.telescope for one in decision.outcomes] == ["500"] * 3
+    assert not decision.flown
+    assert decision.misjudged < 0.01
+    spread = 0.0
+    for one in decision.outcomes:
+        wanted = linear_quantiles(orbit, bodies, one.visit.t_s)
+        assert [one.quantiles[level] for level in LEVELS] == pytest.approx(wanted, abs=0.02)
+        spread = max(spread, wanted[-1] - wanted[0])
+    assert spread > 0.3  # a visit that changes nothing would agree with anything
+
+
+def test_thresholds_are_a_tenth_and_the_midpoint_unless_said(decision: Decision) -> None:
+    assert decision.below == pytest.approx(0.1 * decision.probability)
+    assert decision.above == pytest.approx(0.5 + 0.5 * decision.probability)
+    last = decision.outcomes[-1]
+    assert last.chance_below(decision.below) == np.mean(last.foreseen.probability < decision.below)
+    assert last.chance_below(0.0) == 0.0
+    assert last.chance_above(decision.probability) > 0.1
+
+
+def test_errors_shared_with_past_measurements_are_those_of_the_joint_covariance(
+    minimal_folder: Path, bodies: Ephemeris
+) -> None:
+    """Covariance of coming measurements by the stored estimate of orbit and biases together, in dense algebra."""
+    orbit = read_orbit(minimal_folder)
+    assert {"bias ahead RA*", "bias ahead Dec"} <= set(orbit.shared)
+    mission = load_mission_text(json.loads((minimal_folder / "manifest.json").read_text("utf-8"))["mission"]["text"])
+    watch = Watch(telescope=telescopes(mission)[0], question=mission)
+    t_s = 40.0 * DAY + 600.0 * np.arange(3)
+    path = follow(orbit.state, orbit.epoch, (-DAY, t_s[-1]), t_s[-1], orbit.forces(bodies), True)
+    found = visit(watch, path, t_s, orbit, bodies)
+    seen = observe(path, watch.telescope, t_s, bodies)
+    with np.load(minimal_folder / "arrays.npz") as arrays:
+        names, S = [str(name) for name in arrays["names_batch"]], arrays["factor_batch"]
+    H = np.zeros((6, len(names)))
+    for k, name in enumerate(orbit.names):
+        H[:, names.index(name)] = seen.H[:, :, k].reshape(6)
+    for k, name in enumerate(("bias ahead RA*", "bias ahead Dec")):
+        H[k::2, names.index(name)] = 1.0
+    noise = np.zeros((6, 6))
+    for k in range(3):
+        at = slice(2 * k, 2 * k + 2)
+        noise[at, at] = (0.1 * ARCSEC) ** 2 * np.eye(2) + 9.0 * seen.H_z[k] @ seen.H_z[k].T
+    wanted = H @ S @ S.T @ H.T + noise
+    members = seen.H.reshape(6, -1) @ orbit.factor + found.by_draws
+    unit = np.sqrt(np.outer(np.diag(wanted), np.diag(wanted)))
+    np.testing.assert_allclose((members @ members.T + found.noise) / unit, wanted / unit, atol=1e-7)
+    # errors drawn anew would not: what the estimate knows of the bias is lost
+    anew = visit(watch, path, t_s, replace(orbit, shared={}), bodies)
+    plain = seen.H.reshape(6, -1) @ orbit.factor
+    assert abs((plain @ plain.T + anew.noise - wanted) / unit).max() > 0.01
+
+
+MISSION = """schema_version: 1
+name: decide
+reference_epoch: 2030-04-10T00:00:00 TDB
+object:
+  name: made up
+  orbit: {{kind: state, frame: icrf, epoch: 2030-04-10T00:00:00 TDB, position: {position}, velocity: {velocity}}}
+prior:
+  names: [x, y, z, vx, vy, vz]
+  covariance: {covariance}
+telescopes:
+  - name: companion
+    orbit: {{kind: heliocentric, lead: 10 deg}}
+    noise: {{sigma: 1 arcsec}}
+    bias: {{sigma: 0.5 arcsec, treatment: considered}}
+    position: {{sigma: 100 km, correlation: gauss_markov, time: 5 d, treatment: considered}}
+  - {{name: blind, like: companion, exclusion: {{sun: 179 deg}}}}
+schedule: [{{start: 2030-04-14T00:00:00 TDB, end: 2030-04-20T00:00:00 TDB, cadence: 1 d}}]
+"""
+
+
+@pytest.fixture(scope="module")
+def mission(orbit: UncertainOrbit, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("decide") / "decide.yaml"
+    halves = zip(np.split(orbit.state, 2), ("km", "km/s"))
+    state = [[f"{value!r} {unit}" for value in part.tolist()] for part, unit in halves]
+    text = MISSION.format(position=state[0], velocity=state[1], covariance=orbit.covariance.tolist())
+    path.write_text(text.replace("'", ""))
+    return path
+
+
+def test_the_command_answers_in_words_json_and_a_page(
+    mission: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page = tmp_path / "decide.html"
+    asked = ["plan", str(mission), "--decide", "--until", "2030-06-01", "--draws", "1200", "--truths", "200"]
+    asked += ["--bodies", "earth", "--step", "3 d", "--above", "0.5"]
+    assert main([*asked, "-o", str(tmp_path / "decide.json"), "--page", str(page)]) == 0
+    said = capsys.readouterr().out
+    found: dict[str, Any] = json.loads((tmp_path / "decide.json").read_text("utf-8"))
+    jsonschema.validate(found, SCHEMA)
+    assert [row["epoch_tdb"][:10] for row in found["visits"]] == ["2030-04-14", "2030-04-17", "2030-04-20"]
+    assert {row["telescope"] for row in found["visits"]} == {"companion"}
+    assert found["never_visible"] == ["blind"]
+    assert found["above"] == 0.5
+    assert found["n_hits"] == pytest.approx(1200 * found["probability"])
+    assert advice(found) in said.replace("\n", " ")
+    assert "blind never sees it" in said
+    assert "telescope position companion: is taken as drawn anew" in said
+    text = page.read_text("utf-8")
+    assert text == make_decision_page(found)
+    assert advice(found)[1:] in text
+    assert "://" not in text.replace("http://www.w3.org/2000/svg", "")
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "said"),
+    [
+        (["--decide"], 2, "--until: is needed with --decide"),
+        (["--until", "2030-06-01"], 2, "--until: goes with --decide"),
+        (["--decide", "--until", "2030-06-01", "--visits", "3"], 2, "--visits: goes without --decide"),
+        (["--decide", "--until", "soon"], 2, "--until: "),
+        (["--decide", "--until", "2030-04-12"], 2, "and before --until"),
+        (["--decide", "--until", "2030-06-01", "--telescope", "F51", "--from", "2030-04-14"], 2, "give --sigma"),
+        (["--decide", "--until", "2030-06-01", "-t", "F51", "--sigma", "1 arcsec"], 2, "--from: is needed"),
+        (
+            ["--decide", "--until", "2030-06-01", "-t", "nowhere", "--sigma", "1 arcsec"],
+            2,
+            "--telescope: an observer is",
+        ),
+        (["--decide", "--until", "2030-06-01", "--sigma", "1 km"], 2, "--sigma: "),
+        (["--decide", "--until", "2030-06-01", "--exposures", "3"], 2, "--spacing: goes with --exposures"),
+        (["--decide", "--until", "2030-06-01", "--below", "1.5"], 2, "--below: 1.5 is no probability"),
+        (["--decide", "--until", "2030-06-01", "--below", "0.5", "--above", "0.2"], 2, "is not below --above"),
+        (["--decide", "--until", "2030-06-01", "--draws", "3"], 2, "--draws: 3 (allowed: 500 to"),
+        (["--decide", "--until", "2030-06-01", "--step", "1 s"], 2, "--step: "),
+        (["--decide", "--until", "2030-06-01", "--bodies", "vulcan"], 2, '"vulcan" is no target'),
+        (["--decide", "--until", "2030-06-01", "--from", "2030-05-25", "--to", "2030-05-26"], 2, "hits earth"),
+        (["--decide", "--until", "2030-06-01", "-t", "blind", "-t", "blind"], 2, "is given twice"),
+        (["--decide", "--until", "2030-06-01", "-t", "blind"], 1, "no telescope sees it at a candidate time"),
+        (["--decide", "--until", "2030-06-01", "--bodies", "mars"], 1, "0 of 600 drawn orbits hit mars"),
+    ],
+)
+def test_what_cannot_be_answered_is_said(
+    options: list[str], code: int, said: str, mission: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    more = ["--draws", "600"] if "--decide" in options and "--draws" not in options else []
+    assert main(["plan", str(mission), *options, *more]) == code
+    assert said in capsys.readouterr().err
