@@ -14,7 +14,8 @@ import click
 def compare(folders: tuple[Path, ...], page: Path | None, as_json: bool) -> int:
     """Show the runs in several folders side by side, and warn where they do not compare.
 
-    Of ephemerides, and of approaches, offsets and distances are compared, time by time and body by body.
+    Of ephemerides, and of approaches, offsets and distances are compared, time by time and body by body; of studies
+    answers, point by point.
 
     \b
     Example:  nebosvod compare apophis-2029-run apophis-heliocentric-run
@@ -28,8 +29,11 @@ def compare(folders: tuple[Path, ...], page: Path | None, as_json: bool) -> int:
     from nebosvod.results.compare_orbits import compare_orbits, kind_of_folders
     from nebosvod.results.ownership import changed_said
     from nebosvod.results.result import json_text
+    from nebosvod.studies.comparison import all_studies
 
     require_places(page)
+    if all_studies(folders):
+        return _of_studies(folders, page, as_json)
     if (kind := kind_of_folders(folders)) is not None:
         if page is not None:
             raise InputError(f"--page: there is no page of compared {kind}; each folder has its own report.html")
@@ -53,4 +57,18 @@ def compare(folders: tuple[Path, ...], page: Path | None, as_json: bool) -> int:
     else:
         with held_together("compare"):
             print_comparison(found)
+    return 0
+
+
+def _of_studies(folders: tuple[Path, ...], page: Path | None, as_json: bool) -> int:
+    """Studies side by side."""
+    from nebosvod.commands.study_answer import print_studies
+    from nebosvod.errors import InputError
+    from nebosvod.results.result import json_text
+    from nebosvod.studies.comparison import compare_studies
+
+    if page is not None:
+        raise InputError("--page: there is no page of compared studies; each folder has its own study.html")
+    found = compare_studies(folders)
+    click.echo(json_text(found), nl=False) if as_json else print_studies(found)
     return 0

@@ -42,6 +42,7 @@ def study(
     from nebosvod.commands.progress import counting
     from nebosvod.commands.study_answer import print_check, print_study
     from nebosvod.mission.slugs import slug
+    from nebosvod.report.study_page import make_study_page
     from nebosvod.results.result import json_text
     from nebosvod.studies.question import load_study
     from nebosvod.studies.study import run_study
@@ -60,6 +61,7 @@ def study(
             resume=resume,
             overwrite=overwrite,
             parquet=parquet,
+            page=lambda result, table: make_study_page(result, table.columns),
             progress=progress,
             say=lambda sentence: click.echo(f"notice: {sentence}", err=True),
         )

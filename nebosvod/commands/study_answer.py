@@ -77,7 +77,7 @@ def print_study(found: Mapping[str, Any], folder: Path) -> None:
         click.echo(f"{counted(lost, 'point')} of {found['n_rows']} failed or have no answer, such as:", err=True)
         for one in found["failures"][:3]:
             click.echo(f"  row {one['row']}: {one['message']}", err=True)
-    click.echo(f"table and study.json: {folder}")
+    click.echo(f"page: {folder / 'study.html'}")
 
 
 def found_words(found: Mapping[str, Any]) -> str:
@@ -89,6 +89,27 @@ def found_words(found: Mapping[str, Any]) -> str:
     shown = [f"{name} {_number(value)} {units.get(name, '')}".strip() for name, value in find["values"].items()]
     what = "least" if find["direction"] == "minimise" else "largest"
     return f"{what} {find['objective']} of {counted(find['n_feasible'], 'point')} that will do: {', '.join(shown)}"
+
+
+def print_studies(found: Mapping[str, Any]) -> None:
+    """Studies side by side."""
+    for number, one in enumerate(found["studies"], start=1):
+        points = counted(one["n_points"], "point")
+        click.echo(f"{number}: {one['title']}, {points} of {one['mission']['name']} ({one['folder']})")
+        if one["find"] and one["find"]["found"]:
+            values = ", ".join(f"{name} {_number(value)}" for name, value in one["find"]["values"].items())
+            click.echo(f"   found: {values}")
+    for row in found["answers"]:
+        for number, cell in enumerate(row["studies"], start=1):
+            ends = f"{_number(cell['least'])} to {_number(cell['largest'])} {cell['unit']}".strip()
+            ratio = cell["to_first"]
+            beside = "" if number == 1 or ratio is None else (
+                f"; {_number(ratio['median'])} times the first at {counted(ratio['n'], 'point')} "
+                f"({_number(ratio['least'])} to {_number(ratio['largest'])})"
+            )  # fmt: skip
+            click.echo(f"  {row['name']}, {number}: {ends}, median {_number(cell['median'])}{beside}")
+    for warning in found["warnings"]:
+        click.echo(f"notice: {warning}", err=True)
 
 
 def _number(value: Any) -> str:

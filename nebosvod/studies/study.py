@@ -19,7 +19,7 @@ from nebosvod.studies.chunked import ChunkedFolder, Kind
 from nebosvod.studies.point import Point, evaluate
 from nebosvod.studies.question import Study, load_study_text
 from nebosvod.studies.results import StudyTable, summary_of
-from nebosvod.studies.stored import PARQUET_ROWS, require_parquet
+from nebosvod.studies.stored import PAGE, PARQUET_ROWS, RECORD, RESULT, require_parquet
 from nebosvod.tasks.engine import Workers, run_tasks
 from nebosvod.version import __version__
 
@@ -27,7 +27,6 @@ MOST_ROWS = 10_000_000
 MOST_IN_CHUNK, FEWEST_CHUNKS = 100, 64
 LONGEST_MESSAGE = 400
 OK, NO_ANSWER, FAILED = "ok", "no_answer", "failed"
-RECORD, RESULT = "record.json", "study.json"
 KEYS = (
     "study", "study_sha256", "study_path", "mission_sha256", "inputs_sha256", "version", "rows", "chunk_rows",
 )  # fmt: skip
@@ -178,7 +177,7 @@ def run_study(
             RESULT: json_text(found).encode("utf-8"),
         }
         if page is not None:
-            files["study.html"] = page(found, table).encode("utf-8")
+            files[PAGE] = page(found, table).encode("utf-8")
         held.publish(files)
     return found
 

@@ -1,6 +1,7 @@
 """`nebosvod study`: one table, whoever computes it and however often it is interrupted."""
 
 import json
+import shutil
 import signal
 import subprocess
 import sys
@@ -16,9 +17,11 @@ import nebosvod
 import nebosvod.scenarios
 from nebosvod.cli import main
 from nebosvod.errors import InputError, OutputError
+from nebosvod.report.study_figures import _shade
+from nebosvod.report.study_page import make_study_page
 from nebosvod.studies.question import Study, load_study, load_study_text, study_schema
-from nebosvod.studies.stored import load_table
-from nebosvod.studies.study import RECORD, plan, run_study
+from nebosvod.studies.stored import RECORD, load_table
+from nebosvod.studies.study import plan, run_study
 from nebosvod.tasks.engine import Workers
 
 SCHEMA = json.loads((Path(nebosvod.__file__).parent / "studies" / "study.schema.json").read_text("utf-8"))
@@ -53,7 +56,12 @@ def place(minimal_text: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def done(place: Path) -> Path:
     """The folder of that study, by one worker."""
-    run_study(load_study(place / "study.yaml"), place / "done", workers=Workers(count=1))
+    run_study(
+        load_study(place / "study.yaml"),
+        place / "done",
+        workers=Workers(count=1),
+        page=lambda found, table: make_study_page(found, table.columns),
+    )
     return place / "done"
 
 
@@ -210,3 +218,56 @@ def test_a_plan_tells_time_and_disk(place: Path) -> None:
 def test_wrong_words_are_exit_2(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["study", *words]) == 2
     assert "error:" in capsys.readouterr().err
+
+
+def test_the_page_shows_the_trade_the_front_and_the_blame_with_their_numbers(done: Path) -> None:
+    page, table = (done / "study.html").read_text("utf-8"), Study.load(done)
+    for key in ("map-later", "map-position", "front", "blame-blame"):
+        assert f'<figure id="{key}">' in page
+        assert f'download="{key}.csv"' in page
+    assert "The least cost that keeps every condition" in page
+    assert "<script src" not in page
+    assert f'data-value="{table["later"].min()!r}"' in page or repr(float(table["later"].min())) in page
+
+
+def test_maps_read_in_grey(done: Path) -> None:
+    """Luminance (BT.709) falls evenly from the least to the largest value."""
+    colours = [_shade(part) for part in np.linspace(0.0, 1.0, 9)]
+    grey = [0.2126 * int(c[1:3], 16) + 0.7152 * int(c[3:5], 16) + 0.0722 * int(c[5:7], 16) for c in colours]
+    steps = np.diff(grey)
+    assert (steps < -15.0).all()
+    assert np.ptp(steps) < 2.0
+
+
+def test_report_makes_the_page_again_and_says_what_was_changed(
+    done: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "copy"
+    shutil.copytree(done, folder)
+    (folder / "study.html").unlink()
+    assert main(["report", str(folder)]) == 0
+    assert (folder / "study.html").read_bytes() == (done / "study.html").read_bytes()
+    text = (folder / "study.json").read_text("utf-8")
+    (folder / "study.json").write_text(text.replace('"title": "noise', '"title": "Noise'), "utf-8")
+    assert main(["report", str(folder)]) == 0
+    assert "study.json: changed since the program wrote it" in capsys.readouterr().err
+    (folder / "study.json").write_text(text.replace('"n_rows": 6', '"n_rows": 7'), "utf-8")
+    assert main(["report", str(folder)]) == 2
+    (folder / "study.json").write_text(text.replace('"n_rows": 6', '"n_rows": "six"'), "utf-8")
+    assert main(["report", str(folder)]) == 2
+    assert "n_rows: needs integer" in capsys.readouterr().err
+    (folder / "results.ecsv").write_text("%ECSV 1.0\n", "utf-8")
+    (folder / "study.json").write_text(text, "utf-8")
+    assert main(["report", str(folder)]) == 2
+
+
+def test_studies_side_by_side(place: Path, done: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Points that both have are compared: with noise alone ten times the noise is ten times the sigma."""
+    other = TEXT.replace("0.01 arcsec .. 1 arcsec, log: 3", "0.1 arcsec .. 10 arcsec, log: 3")
+    run_study(load_study_text(other, path=place / "s.yaml"), tmp_path / "o", workers=Workers())
+    assert main(["compare", str(done), str(tmp_path / "o"), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    (later,) = [row["studies"] for row in found["answers"] if row["name"] == "later"]
+    assert later[1]["to_first"] == pytest.approx({"n": 4, "median": 1.0, "least": 1.0, "largest": 1.0}, rel=1e-9)
+    assert main(["compare", str(done), str(place)]) == 2
+    assert "is no study" in capsys.readouterr().err

@@ -1,0 +1,169 @@
+"""The page of a study: what was looked for, the trade, who is to blame, what moves it, the table to take away."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from markupsafe import Markup
+
+from nebosvod.report.kit.base import render
+from nebosvod.report.kit.download import Download, csv
+from nebosvod.report.kit.plate import Plate
+from nebosvod.report.kit.wording import count, join, quantity
+from nebosvod.report.run.tables import Cell, Table
+from nebosvod.report.study_figures import (
+    blame_plate,
+    cloud_plate,
+    curve_plate,
+    front_plate,
+    heat_plate,
+    sensitivity_plate,
+    shares_plate,
+    titled,
+)
+
+Item = Mapping[str, Any]
+Columns = Mapping[str, npt.NDArray[Any]]
+MOST_ROWS = 5000  # of the table that stands in the page
+KEYS = ("least", "median", "largest")
+CLOUDS = 4  # axes of a sample that are shown
+
+
+def make_study_page(found: Item, columns: Columns) -> str:
+    """Return the page of a study; the same study gives the same bytes.
+
+    Parameters
+    ----------
+    found : what study.json holds.
+    columns : of the table, by name.
+    """
+    lost = found["n_failed"] + found["n_without_answer"]
+    searched = found["find"]
+    bad = searched is not None and not searched["found"]
+    return render(
+        "study.html",
+        kind="Study",
+        title=found["title"],
+        found=found,
+        tone="bad" if bad else "caution" if lost else "good",
+        verdict=_verdict(found),
+        varied=[_varied(one) for one in found["vary"]],
+        lost=lost,
+        leading=[(one["name"], _leading(one)) for one in found["answers"] if one["shares"] and one["leading"]],
+        tiles=_tiles(found),
+        trade=_trade(found, columns),
+        blame=_blame(found, columns),
+        sensitivities=[p for one in found["sensitivity"] if (p := sensitivity_plate(one, found))],
+        front=front_plate(found, columns),
+        answers=_answer_table(found),
+        table=_download(found, columns),
+    )
+
+
+def _verdict(found: Item) -> Cell:
+    """The answer in one sentence."""
+    find = found["find"]
+    if find is None:
+        return Markup("{}.").format(count(found["n_points"], "point"))
+    if not find["found"]:
+        return Markup("No point keeps every condition: {}.").format(find["reason"])
+    units = {one["name"]: _page_unit(one["unit"]) for one in (*found["vary"], *found["answers"])}
+    values = [
+        Markup("{} {}").format(name, quantity(value, units.get(name, ""), 4) if _is_number(value) else value)
+        for name, value in find["values"].items()
+    ]
+    least = "least" if find["direction"] == "minimise" else "largest"
+    which = "that keeps every condition" if find["where"] else "of all points"
+    return Markup("The {} {} {}: {}.").format(least, find["objective"], which, join(values))
+
+
+def _page_unit(unit: str) -> str:
+    """A unit as the page's ladder of units knows it."""
+    return unit.replace("m/s", "m_s")
+
+
+def _leading(one: Item) -> Cell:
+    """Which source leads at how many points."""
+    ranked = sorted(one["leading"].items(), key=lambda item: -item[1])
+    return Markup("largest share: {}").format(join(f"{name} at {points}" for name, points in ranked))
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _varied(one: Item) -> Cell:
+    if one["numeric"]:
+        ends = Markup("{:.4g} to {:.4g}").format(one["least"], one["largest"])
+        return Markup("<b>{}</b> ({}): {} {}, {}").format(
+            one["name"], join(one["set"]), ends, one["unit"], count(one["n_values"], "value")
+        )
+    return Markup("<b>{}</b> ({}): {}").format(one["name"], join(one["set"]), join(str(v) for v in one["values"] or []))
+
+
+def _tiles(found: Item) -> list[tuple[str, Cell]]:
+    tiles: list[tuple[str, Cell]] = [("points", f"{found['n_points']:,}")]
+    if found["draws"]:
+        tiles.append(("drawn, each", str(found["draws"])))
+    if found["find"]:
+        tiles.append(("points that will do", f"{found['find']['n_feasible']:,}"))
+    if found["n_failed"] + found["n_without_answer"]:
+        tiles.append(("points without an answer", f"{found['n_failed'] + found['n_without_answer']:,}"))
+    return tiles
+
+
+def _trade(found: Item, columns: Columns) -> list[Plate]:
+    """Curves of one axis, maps of two, clouds of a sample; answers that have values."""
+    answers = [one for one in found["answers"] if not one["shares"] and one["n"]]
+    axes = _shown_axes(found)
+    if found["sample"]["method"] != "grid":
+        numeric = [one for one in found["vary"] if one["numeric"]][:CLOUDS]
+        return [cloud_plate(axis, answer, columns) for answer in answers[:2] for axis in numeric]
+    if len(axes) == 2:
+        return [heat_plate(found, answer, columns, axes) for answer in answers]
+    slopes = {one["answer"]: one for one in found["slopes"]}
+    axis = found["vary"][0]
+    return [curve_plate(axis, one, columns, slopes.get(one["name"])) for one in answers] if axis["numeric"] else []
+
+
+def _shown_axes(found: Item) -> list[Item]:
+    """The two axes of the maps: numbers before words, as they stand in the file."""
+    several = [one for one in found["vary"] if one["n_values"] > 1]
+    return sorted(several, key=lambda one: not one["numeric"])[:2]
+
+
+def _blame(found: Item, columns: Columns) -> list[Plate]:
+    """Which source leads where, for each answer that is shares."""
+    shares = [one for one in found["answers"] if one["shares"] and one["leading"]]
+    axes = _shown_axes(found)
+    if found["sample"]["method"] != "grid" or not axes:
+        return []
+    if len(axes) == 2:
+        return [blame_plate(found, one, columns, axes) for one in shares]
+    return [shares_plate(axes[0], one, columns) for one in shares] if axes[0]["numeric"] else []
+
+
+def _answer_table(found: Item) -> Table:
+    """Every answer in numbers."""
+    rows: list[tuple[Cell, ...]] = [
+        (one["name"], one["of"], *(quantity(one[key], _page_unit(one["unit"]), 4) for key in KEYS))
+        if one["n"]
+        else (one["name"], one["of"], "none", "none", "none")
+        for one in found["answers"]
+        if not one["shares"]
+    ]
+    head: tuple[Cell, ...] = ("answer", "what it is", *KEYS)
+    return Table(caption="Answers over all points", head=head, align="llrrr", rows=tuple(rows))
+
+
+def _download(found: Item, columns: Columns) -> Download | None:
+    """The whole table, where it is not too long for a page."""
+    if found["n_rows"] > MOST_ROWS:
+        return None
+    titles = {one["name"]: titled(one) for one in (*found["vary"], *(a for a in found["answers"] if not a["shares"]))}
+    return csv("results", {titles.get(name, name): _plain(column) for name, column in columns.items()})
+
+
+def _plain(column: npt.NDArray[Any]) -> list[Any]:
+    return [str(one) if isinstance(one, str | np.str_) else one for one in column.tolist()]
