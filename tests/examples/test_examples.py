@@ -139,3 +139,46 @@ def test_a_short_arc_is_condensed_as_a_dense_grid_has_it_and_honestly():
     nees = [np.sum(np.linalg.solve(arc.grid.factor, arc.grid.mean - arc.truth) ** 2) for arc in arcs]
     low, high = 0.64, 1.45  # 99 % of chi-square with 80 degrees of freedom, over 80
     assert low < np.mean(nees) / 4.0 < high
+
+
+def test_the_attitude_with_dynamics_and_wheels_is_found_and_a_small_q_shows():
+    example = load("satellite_wheels")
+    flights = [example.fly(np.random.default_rng(seed)) for seed in range(3)]
+    believed = example.fly(np.random.default_rng(0), q=0.01)  # torques ten times too small
+    assert 0.7 < np.mean([flight.nees.mean() for flight in flights]) / 6.0 < 1.4
+    assert believed.nees[50:].mean() / 6.0 > 20.0
+    for flight in flights:
+        assert flight.sigma[-1] < 0.4 * flight.sigma[0]
+        assert flight.angle[-1] < 3.5 * flight.sigma[-1]
+        assert np.abs(flight.wheels[-1]).max() > 1e-6  # they have taken up the torques
+
+
+def test_the_equations_of_motion_of_the_satellite_keep_their_integrals():
+    """Far from gravity: energy and inertial momentum of body and wheels stay; and partials are differences."""
+    example = load("satellite_wheels")
+    A, w, h = example.rotation(np.array([0.3, -0.2, 0.5])), np.array([2e-3, -1e-3, 3e-3]), np.array([1e-3, 2e-3, -1e-3])
+    example.ORBIT = 0.0
+    B, v = A, w
+    for k in range(20):
+        B, v = example.turn(B, v, h, k * example.STEP, np.zeros(3))
+    np.testing.assert_allclose(B.T @ (example.J @ v + h), A.T @ (example.J @ w + h), rtol=1e-5)
+    assert v @ example.J @ v == pytest.approx(w @ example.J @ w, rel=1e-5)
+    example.ORBIT = 2.0 * np.pi / 5600.0
+    D, e = example.partials(A, w, h, 50.0), 1e-6
+    for k in range(3):
+        tilt = e * np.eye(3)[k]
+        sides = [example.acceleration(example.rotation(-sign * tilt) @ A, w, h, 50.0, np.zeros(3)) for sign in (1, -1)]
+        np.testing.assert_allclose((sides[0] - sides[1]) / (2 * e), D[3:, k], rtol=1e-5, atol=1e-12)
+        sides = [example.acceleration(A, w + sign * tilt, h, 50.0, np.zeros(3)) for sign in (1, -1)]
+        np.testing.assert_allclose((sides[0] - sides[1]) / (2 * e), D[3:, 3 + k], rtol=1e-5, atol=1e-12)
+
+
+def test_the_magnetometers_zero_is_found_in_flight_from_a_start_by_triad():
+    example = load("magnetometer_dynamics")
+    flights = [example.fly(np.random.default_rng(seed), 60) for seed in range(6)]
+    whitened = np.array([flight.offset_error[-1] / flight.offset_sigma[-1] for flight in flights])
+    assert 0.3 < np.mean(whitened**2) < 2.2  # 99.9 % of chi-square with 18 degrees of freedom: 0.27 to 2.35
+    for flight in flights:
+        assert np.all(flight.offset_sigma[-1] < 0.1 * example.OFFSET)
+        assert flight.angle[-1] < np.radians(0.5)
+    assert np.degrees(np.mean([flight.start_angle for flight in flights])) > 1.0  # TRIAD alone
