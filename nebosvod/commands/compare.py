@@ -14,8 +14,8 @@ import click
 def compare(folders: tuple[Path, ...], page: Path | None, as_json: bool) -> int:
     """Show the runs in several folders side by side, and warn where they do not compare.
 
-    Of ephemerides, and of approaches, offsets and distances are compared, time by time and body by body; of studies
-    answers, point by point.
+    Of ephemerides, approaches and risks, offsets, distances and probabilities are compared, time by time and body by
+    body; of studies answers, point by point.
 
     \b
     Example:  nebosvod compare apophis-2029-run apophis-heliocentric-run
@@ -24,7 +24,6 @@ def compare(folders: tuple[Path, ...], page: Path | None, as_json: bool) -> int:
     from nebosvod.borders.wholefile import require_places, write_new_text
     from nebosvod.commands.compare_answer import print_comparison
     from nebosvod.commands.compare_orbits_answer import print_orbit_comparison
-    from nebosvod.errors import InputError
     from nebosvod.results.compare import compare as compare_runs
     from nebosvod.results.compare_orbits import compare_orbits, kind_of_folders
     from nebosvod.results.ownership import changed_said
@@ -35,12 +34,14 @@ def compare(folders: tuple[Path, ...], page: Path | None, as_json: bool) -> int:
     if all_studies(folders):
         return _of_studies(folders, page, as_json)
     if (kind := kind_of_folders(folders)) is not None:
-        if page is not None:
-            raise InputError(f"--page: there is no page of compared {kind}; each folder has its own report.html")
         with held_together("compare"):
             orbits = compare_orbits(folders, kind)
             for sentence in (sentence for folder in folders for sentence in changed_said(folder)):
                 click.echo(f"notice: {sentence}", err=True)
+            if page is not None:
+                from nebosvod.report.orbit_comparison_page import make_orbit_comparison_page
+
+                write_new_text(page, make_orbit_comparison_page(orbits))
             click.echo(json_text(orbits), nl=False) if as_json else print_orbit_comparison(orbits)
         return 0
     found = compare_runs(folders)

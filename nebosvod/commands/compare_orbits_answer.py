@@ -1,4 +1,4 @@
-"""What a comparison of ephemerides or of approaches says on a terminal."""
+"""What a comparison of ephemerides, approaches or risks says on a terminal."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -19,7 +19,7 @@ def print_orbit_comparison(found: Mapping[str, Any]) -> None:
     for warning in found["warnings"]:
         click.echo(f"warning: {warning}")
     labels = [run["label"] for run in found["runs"]]
-    lines = _places(found["rows"], labels) if found["kind"] == "ephemeris" else _approaches(found["rows"], labels)
+    lines = LINES[found["kind"]](found, labels)
     click.echo("")
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
     for line in lines[: MOST_ROWS + 1]:
@@ -28,10 +28,10 @@ def print_orbit_comparison(found: Mapping[str, Any]) -> None:
         click.echo(f"... and {len(lines) - MOST_ROWS - 1} more (--json has them all)")
 
 
-def _places(rows: list[Any], labels: list[str]) -> list[list[str]]:
+def _places(found: Mapping[str, Any], labels: list[str]) -> list[list[str]]:
     """Offsets from the first, arcsec, with the number of own sigmas."""
     lines = [["UTC", f"{labels[0]}, ellipse", *(f"{label} minus first" for label in labels[1:])]]
-    for row in rows:
+    for row in found["rows"]:
         first, *others = row["by_run"]
         cells = [row["epoch_utc"].removesuffix(" UTC").removesuffix(".000").replace("T", " ")]
         cells.append(f'{first["semi_major_arcsec"]:.3g} x {first["semi_minor_arcsec"]:.3g}"')
@@ -42,10 +42,10 @@ def _places(rows: list[Any], labels: list[str]) -> list[list[str]]:
     return lines
 
 
-def _approaches(rows: list[Any], labels: list[str]) -> list[list[str]]:
+def _approaches(found: Mapping[str, Any], labels: list[str]) -> list[list[str]]:
     """When and how near by each."""
     lines = [["body", *labels]]
-    for row in rows:
+    for row in found["rows"]:
         cells = [row["body"]]
         for one in row["by_run"]:
             if one is None:
@@ -57,3 +57,25 @@ def _approaches(rows: list[Any], labels: list[str]) -> list[list[str]]:
             cells.append(f"{when} +- {lasting(one['sigma_time_s'])}, {near}{hit}")
         lines.append(cells)
     return lines
+
+
+def _risks(found: Mapping[str, Any], labels: list[str]) -> list[list[str]]:
+    """How probable each impact is by each; of those that do not find it what their draws exclude."""
+    lines = [["may hit", *labels]]
+    for row in found["rows"]:
+        cells = [row["body"]]
+        for one, run in zip(row["by_run"], found["runs"], strict=True):
+            if one is None:
+                cells.append(f"not found, P < {run['sampling']['high']:.2g}")
+                continue
+            when = Epoch.parse(one["epoch_utc"]).iso("utc", 0)[:19].replace("T", " ")
+            likely = f"< {one['high']:.2g}" if one["bound"] else f"{one['probability']:.3g}"
+            spread = "" if one["bound"] else f" ({one['low']:.3g} to {one['high']:.3g})"
+            cells.append(f"{when}, P {likely}{spread}")
+        lines.append(cells)
+    if len(lines) == 1:
+        lines.append(["nothing", *(f"P < {run['sampling']['high']:.2g}" for run in found["runs"])])
+    return lines
+
+
+LINES = {"ephemeris": _places, "approaches": _approaches, "risk": _risks}

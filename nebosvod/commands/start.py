@@ -7,6 +7,19 @@ import click
 
 from nebosvod.errors import InputError
 
+ANSWERS = {  # whose answer -> the package and file of its JSON Schema
+    "run": ("nebosvod.results", "summary.schema.json"),
+    "fit": ("nebosvod.results", "fit_summary.schema.json"),
+    "ephemeris": ("nebosvod.results", "ephemeris.schema.json"),
+    "approaches": ("nebosvod.results", "approaches.schema.json"),
+    "risk": ("nebosvod.results", "risk.schema.json"),
+    "compare": ("nebosvod.results", "comparison.schema.json"),
+    "compare-orbits": ("nebosvod.results", "orbit_comparison.schema.json"),
+    "plan": ("nebosvod.planning", "plan.schema.json"),
+    "study": ("nebosvod.studies", "study.schema.json"),
+    "validate": ("nebosvod.studies", "validation.schema.json"),
+}
+
 
 @click.command()
 @click.argument("path", type=click.Path(path_type=Path))
@@ -37,12 +50,21 @@ def missions() -> int:
 @click.command()
 @click.option("--fit", "of_fit", is_flag=True, help="Of a file for nebosvod fit.")
 @click.option("--study", "of_study", is_flag=True, help="Of a file for nebosvod study.")
-def schema(of_fit: bool, of_study: bool) -> int:
-    """Print the JSON Schema of the mission file."""
+@click.option(
+    "--answer", type=click.Choice(sorted(ANSWERS)), help="Of summary.json, or of what --json prints, by the command."
+)
+def schema(of_fit: bool, of_study: bool, answer: str | None) -> int:
+    """Print the JSON Schema of the mission file, of the file of a fit or a study, or of an answer."""
+    from importlib.resources import files
+
     from nebosvod.mission.reading.schema import fit_schema, mission_schema
 
-    if of_fit and of_study:
-        raise InputError("--fit and --study: one file at a time")
+    if of_fit + of_study + (answer is not None) > 1:
+        raise InputError("--fit, --study and --answer: one file at a time")
+    if answer is not None:
+        room, name = ANSWERS[answer]
+        click.echo(files(room).joinpath(name).read_text("utf-8"), nl=False)
+        return 0
     if of_study:
         from nebosvod.studies.question import study_schema
 

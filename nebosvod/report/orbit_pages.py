@@ -8,12 +8,16 @@ import numpy as np
 from markupsafe import Markup
 
 from nebosvod.borders.stored import read_object
+from nebosvod.dynamics.surface import SURFACE_KM
 from nebosvod.report.kit.base import render
 from nebosvod.report.kit.chart import Chart
 from nebosvod.report.kit.download import csv
+from nebosvod.report.kit.outline import covariance_of
 from nebosvod.report.kit.plate import BLUE, GREY, INK, VERMILION, Plate, thin
 from nebosvod.report.kit.scale import calendar, linear, logarithmic
+from nebosvod.report.kit.target import TargetView, target_plates
 from nebosvod.report.kit.wording import count, moment, quantity
+from nebosvod.report.kit.worldmap import Corridor, maps
 from nebosvod.report.run.tables import Cell, Table
 from nebosvod.results.ahead_words import CALLED
 from nebosvod.timescale import SECONDS_PER_DAY, Epoch
@@ -21,6 +25,8 @@ from nebosvod.units import AU_KM
 
 Item = Mapping[str, Any]
 NOTED = 1e-6  # a chance of impact from which the verdict is a caution
+DOT = 100.0  # a picture so many times wider than half the disc shows it as a dot
+MOST_PLANES = 8
 SHOWN = 400  # rows of an ephemeris on the page; the table in the folder has them all
 FIGURES = {"semi_major_arcsec": "long axis of the 1σ ellipse, arcsec", "distance_au": "distance, au"}
 
@@ -56,7 +62,7 @@ def make_approaches_page(folder: Path) -> str:
         lead=f"{summary['from_utc'][:10]} to {summary['to_utc'][:10]}, within {summary['within_au']:g} au",
         tone="caution" if summary["ended"] or summary["warnings"] or _likely(rows) >= NOTED else "good",
         headline=_said(summary),
-        plates=[_distances(rows)] if rows else [],
+        plates=[_distances(rows), *_planes(rows)] if rows else [],
         rows_title="Approaches",
         rows=_approaches(rows),
     )
@@ -145,6 +151,32 @@ def _distances(rows: list[Item]) -> Plate:
     columns = {key: [row[key] for row in rows] for key in ("body", "epoch_utc", "distance_km", "sigma_distance_km")}
     caption = Markup("Each approach by its date: nominal distance, and the smallest that three sigmas allow.")
     return chart.plate("Distances of approaches by date", caption, [csv("approaches", columns)])
+
+
+def _planes(rows: list[Item]) -> list[Plate]:
+    """Target planes of approaches in which the body is more than a dot, and the map of an impact on the Earth."""
+    plates: list[Plate] = []
+    for number, row in enumerate(rows):
+        if None in (row["xi_km"], row["semi_major_km"], row["capture_radius_km"]) or row["body"] not in SURFACE_KM:
+            continue
+        centre = np.array([row["xi_km"], row["zeta_km"]])
+        K = covariance_of(row["semi_major_km"], row["semi_minor_km"], row["angle_deg"])
+        reach = float(np.abs(centre).max()) + 3.0 * float(row["semi_major_km"])
+        if reach > DOT * row["capture_radius_km"] or len(plates) >= MOST_PLANES:
+            continue
+        view = TargetView(
+            body=row["body"], radius_km=SURFACE_KM[row["body"]], capture_km=row["capture_radius_km"], centre=centre,
+            covariance=K, points=np.empty((0, 2)), fates=np.empty(0, dtype=np.str_),
+        )  # fmt: skip
+        name = f"{_called(row['body'])} on {row['epoch_utc'][:10]}"
+        words = "The b-plane of {} at one scale, with the circle within which orbits of this speed hit."
+        caption = Markup(words).format(name)
+        plates += target_plates(f"target-{number}", view, f"Target plane of {name}", caption)
+        if row["longitude_deg"] is not None:
+            fall = Corridor(name="falls", points=np.empty((0, 2)), nominal=(row["longitude_deg"], row["latitude_deg"]))
+            plates += maps(f"map-{number}", [fall], f"Where it falls on {row['epoch_utc'][:10]}",
+                           Markup("Where the orbit comes to the ground."))  # fmt: skip
+    return plates
 
 
 def _positions(rows: list[Item]) -> Table | None:

@@ -1,11 +1,12 @@
-"""`nebosvod compare` of ephemerides, or of approaches: what several orbits say of the same times and bodies.
+"""`nebosvod compare` of ephemerides, approaches or risks: what several orbits say of the same times and bodies.
 
-Rows of ephemerides are matched by their time, approaches by their body and the nearest time.
+Rows of ephemerides are matched by their time, approaches and virtual impactors by their body and the nearest time.
 """
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from operator import eq
 from pathlib import Path
 from typing import Any
 
@@ -18,11 +19,23 @@ from nebosvod.results.result import require_run_folder
 from nebosvod.timescale import SECONDS_PER_DAY, Epoch
 
 SCHEMA_VERSION = 1
-KINDS = ("ephemeris", "approaches")
+KINDS = ("ephemeris", "approaches", "risk")
 MOST_FOLDERS = 20
 SAME_S = 0.001  # times of ephemerides nearer than this are one
 NEAR_D = 5.0  # approaches farther apart than this, and than five sigmas, are two
 Row = Mapping[str, Any]
+ENCOUNTERS: Mapping[
+    str, tuple[str, tuple[str, ...]]
+] = {  # kind -> list of the summary, and what is compared of its rows
+    "approaches": (
+        "approaches",
+        ("epoch_utc", "sigma_time_s", "distance_km", "sigma_distance_km", "impact_probability_linear"),
+    ),
+    "risk": (
+        "virtual_impactors",
+        ("epoch_utc", "sigma_time_s", "probability", "low", "high", "bound", "recommended", "palermo"),
+    ),
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -63,7 +76,7 @@ def compare_orbits(folders: Sequence[Path], kind: str) -> dict[str, Any]:
         "kind": kind,
         "runs": [_header(one) for one in ones],
         "warnings": _warnings(ones),
-        "rows": _places(ones) if kind == "ephemeris" else _approaches(ones),
+        "rows": _places(ones) if kind == "ephemeris" else _encounters(ones, *ENCOUNTERS[kind]),
     }
 
 
@@ -90,15 +103,27 @@ def _header(one: One) -> dict[str, Any]:
         "observer": one.summary.get("observer"),
         "sigma_position_km": orbit["sigma_position_km"],
         "epoch_tdb": orbit["epoch_tdb"],
+        **({"until_utc": one.summary["until_utc"], "sampling": one.summary["sampling"]} if _is_risk(one) else {}),
     }
+
+
+def _is_risk(one: One) -> bool:
+    return bool(one.summary["kind"] == "risk")
 
 
 def _warnings(ones: Sequence[One]) -> list[str]:
     """What makes these answers to different questions."""
     said = []
-    for words, key in (("the objects differ", "object"), ("the observers differ", "observer")):
-        answers = [str(one.summary.get(key)) for one in ones]
-        if not all(_one_name(answers[0], answer) for answer in answers):
+    asked: tuple[tuple[str, str, Callable[[str, str], bool]], ...] = (
+        ("the objects differ", "object", _one_name),
+        ("the observers differ", "observer", _one_name),
+        ("the bodies that may be hit differ", "bodies", eq),
+        ("the last dates differ", "until_utc", eq),
+    )
+    for words, key, same in asked:
+        found = [one.summary.get(key) for one in ones]
+        answers = [", ".join(map(str, answer)) if isinstance(answer, list) else str(answer) for answer in found]
+        if not all(same(answers[0], answer) for answer in answers):
             pairs = (f"{one.label}: {answer}" for one, answer in zip(ones, answers, strict=True))
             said.append(f"{words}: " + "; ".join(pairs))
     said += [f"{one.label}: {one.summary['ended']}" for one in ones if one.summary["ended"]]
@@ -148,11 +173,11 @@ def _place(base: Row, row: Row) -> dict[str, Any]:
     }
 
 
-def _approaches(ones: Sequence[One]) -> list[dict[str, Any]]:
-    """Approaches of all folders, those of one body and about one time in one row."""
+def _encounters(ones: Sequence[One], list_name: str, keys: Sequence[str]) -> list[dict[str, Any]]:
+    """Encounters of all folders, those of one body and about one time in one row."""
     groups: list[tuple[str, float, list[Row | None]]] = []
     for number, one in enumerate(ones):
-        for row in one.summary["approaches"]:
+        for row in one.summary[list_name]:
             t, reach = _seconds(row), max(NEAR_D * SECONDS_PER_DAY, 5.0 * row["sigma_time_s"])
             same = [g for g in groups if g[0] == row["body"] and abs(g[1] - t) < reach and g[2][number] is None]
             if same:
@@ -161,7 +186,6 @@ def _approaches(ones: Sequence[One]) -> list[dict[str, Any]]:
                 by_run: list[Row | None] = [None] * len(ones)
                 by_run[number] = row
                 groups.append((row["body"], t, by_run))
-    keys = ("epoch_utc", "sigma_time_s", "distance_km", "sigma_distance_km", "impact_probability_linear")
     return [
         {
             "body": body,

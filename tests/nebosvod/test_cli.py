@@ -5,10 +5,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import jsonschema
 import pytest
 
 from nebosvod import __version__
 from nebosvod.cli import main
+from nebosvod.commands.start import ANSWERS
 from nebosvod.mission import load_mission
 
 MADE = Path(__file__).parent / "everything" / "made.obs80"
@@ -116,6 +118,16 @@ def test_schema_prints_the_json_schema(capsys: pytest.CaptureFixture[str]) -> No
     schema = json.loads(capsys.readouterr().out)
     assert schema["type"] == "object"
     assert "telescopes" in schema["properties"]
+
+
+@pytest.mark.parametrize("answer", [*ANSWERS])
+def test_schema_prints_that_of_every_answer(answer: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["schema", "--answer", answer]) == 0
+    schema = json.loads(capsys.readouterr().out)
+    jsonschema.Draft202012Validator.check_schema(schema)
+    assert schema["properties"].get("kind", {}).get("const") in (None, answer)
+    assert main(["schema", "--answer", answer, "--fit"]) == 2
+    assert "one file at a time" in capsys.readouterr().err
 
 
 def test_an_unknown_built_in_name_gets_the_nearest(capsys: pytest.CaptureFixture[str]) -> None:

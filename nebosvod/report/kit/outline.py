@@ -1,4 +1,4 @@
-"""The outline of an ellipse from its covariance."""
+"""Ellipses: from axes to covariance, from covariance to outline."""
 
 import numpy as np
 import numpy.typing as npt
@@ -13,3 +13,11 @@ def outline(K: Array, level: float) -> Array:
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     points: Array = level * np.stack([np.cos(ANGLES), np.sin(ANGLES)], axis=1) @ root.T
     return points
+
+
+def covariance_of(major: float, minor: float, angle_deg: float) -> Array:
+    """The covariance (2, 2) of a 1 sigma ellipse whose long axis lies at an angle from the first coordinate."""
+    angle = np.radians(angle_deg)
+    along = np.array([np.cos(angle), np.sin(angle)])
+    across = np.array([-along[1], along[0]])
+    return np.asarray(major**2 * np.outer(along, along) + minor**2 * np.outer(across, across))

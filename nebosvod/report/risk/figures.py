@@ -11,27 +11,28 @@ from nebosvod.dynamics.surface import SURFACE_KM
 from nebosvod.report.kit.chart import Chart
 from nebosvod.report.kit.coastlines import on_land
 from nebosvod.report.kit.download import csv
+from nebosvod.report.kit.ground import reached
+from nebosvod.report.kit.outline import covariance_of, outline
 from nebosvod.report.kit.plate import BLUE, GREY, INK, SERIES, VERMILION, Plate, thin
 from nebosvod.report.kit.scale import calendar, linear, logarithmic, named
 from nebosvod.report.kit.target import TargetView, target_plates
-from nebosvod.report.kit.wording import count, percent, quantity
+from nebosvod.report.kit.wording import count, number, percent, quantity
 from nebosvod.report.kit.worldmap import Corridor, maps
-from nebosvod.report.risk.draws import draws_of
+from nebosvod.report.risk.draws import Arrays, draws_of
 from nebosvod.report.risk.words import body_name, chance, impactor_name, way_name
 from nebosvod.timescale import SECONDS_PER_DAY, Epoch
 
 Array = npt.NDArray[np.float64]
 Item = Mapping[str, Any]
-Arrays = Mapping[str, npt.NDArray[Any]]
 WIDTH = 358.0  # px; 10.5 px texts read at 10 px or more on a phone of 390
 MOST_DRAWN = 3000
 WIDE = 30.0  # probabilities that differ by more than this factor need a logarithmic axis
 
 
-def shown_draws(arrays: Arrays, which: npt.NDArray[np.bool_]) -> npt.NDArray[np.intp]:
-    """Numbers of draws to show: of equal weights all of some, of others as many of each as it weighs."""
+def by_weight(draws: Arrays, which: npt.NDArray[np.bool_]) -> npt.NDArray[np.intp]:
+    """Numbers of draws to show: all, or of unequal weights as many of each as it weighs."""
     numbers = np.flatnonzero(which)
-    weights = np.asarray(arrays["weights"], dtype=np.float64)[numbers]
+    weights = np.asarray(draws["weights"], dtype=np.float64)[numbers]
     if not len(numbers) or np.ptp(weights) <= 1e-9 * weights.max():
         return numbers[thin(len(numbers), MOST_DRAWN)]
     steps = (np.arange(MOST_DRAWN // 2) + 0.5) / (MOST_DRAWN // 2)
@@ -41,39 +42,42 @@ def shown_draws(arrays: Arrays, which: npt.NDArray[np.bool_]) -> npt.NDArray[np.
 
 def plane_plates(row: Item, arrays: Arrays) -> list[Plate]:
     """The target plane of one virtual impactor."""
-    k, one = row["number"], row["approach"]
-    drawn = draws_of(k, arrays)
-    points, hits = np.asarray(drawn["xi_zeta_km"]), np.asarray(drawn["hits"], dtype=np.bool_)
-    chosen = shown_draws(drawn, np.isfinite(points).all(axis=1))
-    other = np.asarray(drawn["hit_body"])[chosen] != ""
+    k, one, draws = row["number"], row["approach"], draws_of(row["number"], arrays)
+    points, hits = np.asarray(draws["xi_zeta_km"]), np.asarray(draws["hits"], dtype=np.bool_)
+    chosen = np.flatnonzero(np.isfinite(points).all(axis=1))
+    chosen = chosen[thin(len(chosen), MOST_DRAWN)]
+    other = np.asarray(draws["hit_body"])[chosen] != ""
     fates = np.where(hits[chosen], "hit", np.where(other, "other", "miss"))
-    grazes = drawn.get("grazes")
-    if grazes is not None:
-        fates = np.where(np.asarray(grazes, dtype=np.bool_)[chosen] & ~hits[chosen], "graze", fates)
-    centre, K = _ellipse(one)
+    if "grazes" in draws:
+        fates = np.where(np.asarray(draws["grazes"], dtype=np.bool_)[chosen] & (fates == "miss"), "graze", fates)
+    centre, K = (None, None) if one is None else _ellipse(one)
+    line = arrays.get(f"line_xi_zeta_km_{k}")
     view = TargetView(
         body=row["body"], radius_km=SURFACE_KM[row["body"]], capture_km=float(arrays[f"capture_radius_km_{k}"]),
-        centre=centre, covariance=K, points=points[chosen], fates=fates, line=arrays.get(f"line_xi_zeta_km_{k}"),
+        centre=centre, covariance=K, points=points[chosen], fates=fates,
+        line=None if line is None else line[np.isfinite(line).all(axis=1)],
     )  # fmt: skip
     caption = Markup(
         "The b-plane of the encounter at one scale: {} (radius {}), the dashed circle that its pull makes of it ({}), "
-        "and {} drawn orbits by their fate."
-    ).format(body_name(row["body"]), quantity(view.radius_km, "km", 4), quantity(view.capture_km, "km", 4), len(chosen))
-    if K is not None and one is not None:
+        "and {} by their fate."
+    ).format(
+        body_name(row["body"]), quantity(view.radius_km, "km", 4), quantity(view.capture_km, "km", 4),
+        count(len(chosen), "drawn orbit"),
+    )  # fmt: skip
+    if f"weighed_{k}_weights" in arrays:
+        caption += Markup(" They were drawn about the orbits that hit: denser there than the orbit itself may be.")
+    if one is not None and K is not None:
         caption += Markup(" The linear ellipse is {} × {} (1σ).").format(
             quantity(one["semi_major_km"], "km"), quantity(one["semi_minor_km"], "km")
         )
     return target_plates(f"target-{k}", view, f"Target plane of {impactor_name(row)}", caption)
 
 
-def _ellipse(one: Item | None) -> tuple[Array | None, Array | None]:
+def _ellipse(one: Item) -> tuple[Array | None, Array | None]:
     """Centre and covariance of the linear ellipse of an approach."""
-    if one is None or one["xi_km"] is None or one["semi_major_km"] is None:
+    if one["xi_km"] is None or one["semi_major_km"] is None:
         return None, None
-    angle = np.radians(one["angle_deg"])
-    along = np.array([np.cos(angle), np.sin(angle)])
-    across = np.array([-along[1], along[0]])
-    K = one["semi_major_km"] ** 2 * np.outer(along, along) + one["semi_minor_km"] ** 2 * np.outer(across, across)
+    K = covariance_of(one["semi_major_km"], one["semi_minor_km"], one["angle_deg"])
     return np.array([one["xi_km"], one["zeta_km"]]), K
 
 
@@ -81,21 +85,39 @@ def corridor_plates(rows: Sequence[Item], arrays: Arrays) -> list[Plate]:
     """Where the drawn orbits that hit the Earth come down, all virtual impactors on one map."""
     corridors, land, drawn = [], 0, 0
     mine = [row for row in rows if row["body"] == "earth"]
-    for number, row in enumerate(mine):
-        own = draws_of(row["number"], arrays)
-        place = np.stack([np.asarray(own["longitude_deg"]), np.asarray(own["latitude_deg"])], axis=1)
-        hits = np.asarray(own["hits"], dtype=np.bool_) & np.isfinite(place).all(axis=1)
-        points = place[shown_draws(own, hits)]
-        one, (color, marker) = row["approach"], SERIES[(number + 1) % len(SERIES)]
-        nominal = None if one is None or one["longitude_deg"] is None else (one["longitude_deg"], one["latitude_deg"])
-        name = "drawn orbits" if len(mine) == 1 else row["epoch_utc"][:10]
-        corridors.append(Corridor(name=name, points=points, nominal=nominal, color=color, marker=marker))
+    for place_in_list, row in enumerate(mine):
+        draws = draws_of(row["number"], arrays)
+        place = np.stack([np.asarray(draws["longitude_deg"]), np.asarray(draws["latitude_deg"])], axis=1)
+        hits = np.asarray(draws["hits"], dtype=np.bool_) & np.isfinite(place).all(axis=1)
+        points = place[by_weight(draws, hits)]
+        corridors.append(_corridor(row, points, *SERIES[(place_in_list + 1) % len(SERIES)], alone=len(mine) == 1))
         land, drawn = land + int(on_land(*points.T).sum()), drawn + len(points)
     if not drawn and all(one.nominal is None for one in corridors):
         return []
     caption = Markup("Where the drawn orbits that hit come to the ground")
     caption += Markup(", {} of {} on land.").format(percent(land / drawn), count(drawn, "place")) if drawn else "."
+    grazing = sum(((row.get("corridor") or {}).get("grazing_probability") or 0.0) for row in mine)
+    if grazing > 0.0:
+        caption += Markup(" Beside them, with a probability of {}, orbits come below 100 km and leave again.").format(
+            number(grazing, 2)
+        )
     return maps("map-corridor", corridors, "Where it may come down", caption)
+
+
+def _corridor(row: Item, points: Array, color: str, marker: str, *, alone: bool) -> Corridor:
+    """One virtual impactor on the map: its places, the place of the estimate, and an ellipse where there is one."""
+    one, level = row["approach"], (row.get("corridor") or {}).get("ground")
+    nominal = None if one is None or one["longitude_deg"] is None else (one["longitude_deg"], one["latitude_deg"])
+    outlines = []
+    if level is not None and level["semi_major_km"] is not None:
+        K = covariance_of(level["semi_major_km"], level["semi_minor_km"], level["angle_from_east_deg"])
+        amid = level["longitude_deg"], level["latitude_deg"]
+        outlines = [np.stack(reached(*amid, 90.0, outline(K, k)), axis=1) for k in (1.0, 3.0)]
+    name = "drawn orbits" if alone else row["epoch_utc"][:10]
+    return Corridor(
+        name=name, points=points, nominal=nominal, outlines=outlines, outlines_name="1 and 3σ of the places",
+        color=color, marker=marker,
+    )  # fmt: skip
 
 
 def ways_plate(row: Item) -> Plate:

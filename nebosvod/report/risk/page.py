@@ -10,6 +10,7 @@ from nebosvod.report.kit.base import render
 from nebosvod.report.kit.plate import Plate
 from nebosvod.report.kit.wording import count, moment, number, quantity
 from nebosvod.report.risk import figures, tables
+from nebosvod.report.risk.draws import Arrays
 from nebosvod.report.risk.words import (
     Item,
     agreement,
@@ -56,6 +57,7 @@ def make_risk_page(folder: Path) -> str:
         answers=_answers(summary, first),
         table=tables.impactor_table(rows),
         shown=[_shown(row, arrays) for row in first],
+        levels=[t for row in first if (t := tables.level_table(row)) is not None],
         corridor_tables=[
             t for row in first if (t := tables.corridor_table(row, arrays, summary["orbit"]["epoch_tdb"])) is not None
         ],
@@ -64,7 +66,7 @@ def make_risk_page(folder: Path) -> str:
     )
 
 
-def _shown(row: Item, arrays: figures.Arrays) -> Shown:
+def _shown(row: Item, arrays: Arrays) -> Shown:
     """Figures and tables of one virtual impactor."""
     return Shown(
         row=row, name=impactor_name(row), planes=figures.plane_plates(row, arrays), ways=figures.ways_plate(row),

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from nebosvod.report.kit.wording import DASH, moment, number, percent, quantity
-from nebosvod.report.risk.draws import draws_of
+from nebosvod.report.kit.wording import DASH, moment, number, percent, product, quantity
+from nebosvod.report.risk.draws import Arrays, draws_of
 from nebosvod.report.risk.words import body_name, chance, way_name
 from nebosvod.report.run.tables import Cell, Table
 from nebosvod.timescale import Epoch
@@ -36,7 +36,7 @@ def impactor_table(rows: Sequence[Item]) -> Table | None:
         ("by", "l", lambda row: way_name(row["recommended"])),
         ("ν, sigmas", "r", lambda row: _plain(row.get("sigmas"))),
         ("stretching, km/σ", "r", lambda row: _plain(row.get("stretching_km"))),
-        ("v∞", "r", lambda row: _speed(_v_infinity(row))),
+        ("v∞", "r", lambda row: _speed(_incoming(row))),
         ("energy", "r", lambda row: DASH if row["energy_mt"] is None else f"{number(row['energy_mt'])} Mt"),
         ("Palermo", "r", lambda row: DASH if row["palermo"] is None else f"{row['palermo']:.2f}".replace("-", "−")),
         ("Torino", "r", lambda row: DASH if row["torino"] is None else str(row["torino"])),
@@ -49,14 +49,14 @@ def impactor_table(rows: Sequence[Item]) -> Table | None:
     )  # fmt: skip
 
 
-def _v_infinity(row: Item) -> float | None:
-    """Of the hits where it is known, else of the estimate."""
-    value = row.get("v_infinity_km_s") or (row["approach"] or {}).get("v_infinity_km_s")
-    return None if value is None else float(value)
-
-
 def _plain(value: float | None) -> str:
     return DASH if value is None else number(value)
+
+
+def _incoming(row: Item) -> float | None:
+    """Speed at infinity: of the drawn orbits, or of the estimate."""
+    known = [row.get("v_infinity_km_s"), (row["approach"] or {}).get("v_infinity_km_s")]
+    return next((float(value) for value in known if value is not None), None)
 
 
 def _speed(value: float | None) -> str:
@@ -115,7 +115,7 @@ def _share_with_error(value: float, error: float) -> str:
 
 
 def encounter_table(row: Item) -> Table | None:
-    """What is known of the encounter of the estimate itself."""
+    """What is known of the encounter of the estimate itself; None where it has none."""
     one = row["approach"]
     if one is None:
         return None
@@ -136,28 +136,60 @@ def encounter_table(row: Item) -> Table | None:
     return Table(caption="The encounter of the estimate", head=("", "value"), align="lr", rows=tuple(facts))
 
 
-def corridor_table(row: Item, arrays: Mapping[str, Any], epoch_tdb: str) -> Table | None:
+def corridor_table(row: Item, arrays: Arrays, epoch_tdb: str) -> Table | None:
     """Places along the corridor of the Earth by time: the first, the last and those between."""
     if row["body"] != "earth":
         return None
-    arrays = draws_of(row["number"], arrays)
-    t_s, hits = np.asarray(arrays["hit_t_s"]), np.asarray(arrays["hits"], dtype=np.bool_)
-    chosen = np.flatnonzero(hits & np.isfinite(t_s) & np.isfinite(arrays["longitude_deg"]))
+    draws = draws_of(row["number"], arrays)
+    t_s, hits = np.asarray(draws["hit_t_s"]), np.asarray(draws["hits"], dtype=np.bool_)
+    chosen = np.flatnonzero(hits & np.isfinite(t_s) & np.isfinite(draws["longitude_deg"]))
     if not len(chosen):
         return None
     chosen = chosen[np.argsort(t_s[chosen], kind="stable")]
     start = Epoch.parse(epoch_tdb)
-    passed = np.cumsum(np.asarray(arrays["weights"])[chosen])
+    passed = np.cumsum(np.asarray(draws["weights"])[chosen])
     cells: list[tuple[Cell, ...]] = []
     for name, part in QUANTILES if len(chosen) > 1 else [("the only one", 0.0)]:
         k = chosen[min(int(np.searchsorted(passed, part * passed[-1])), len(chosen) - 1)]
         cells.append((
             name, (start + float(t_s[k])).iso("utc", 0).removesuffix(" UTC").replace("T", " "),
-            place(float(arrays["longitude_deg"][k]), float(arrays["latitude_deg"][k])),
-            f"{arrays['speed_km_s'][k]:.2f} km/s", f"{arrays['elevation_deg'][k]:.1f}°",
+            place(float(draws["longitude_deg"][k]), float(draws["latitude_deg"][k])),
+            f"{draws['speed_km_s'][k]:.2f} km/s", f"{draws['elevation_deg'][k]:.1f}°",
         ))  # fmt: skip
     head = ("of the hits", "UTC", "place on the ground, geodetic", "speed", "below the horizon")
     return Table(caption="The corridor by time of impact", head=head, align="lllrr", rows=tuple(cells))
+
+
+def level_table(row: Item) -> Table | None:
+    """Entry at 100 km and impact on the ground: mean time, middle place, ellipse or why there is none, speed, angle."""
+    levels = [
+        (name, level) for name, key in (("100 km", "entry_100_km"), ("the ground", "ground"))
+        if (level := (row.get("corridor") or {}).get(key)) is not None
+    ]  # fmt: skip
+    if not levels:
+        return None
+    cells: list[tuple[Cell, ...]] = []
+    for name, one in levels:
+        where = DASH if one["longitude_deg"] is None else place(one["longitude_deg"], one["latitude_deg"])
+        ellipse: Cell = one["no_ellipse"] or DASH
+        if one["semi_major_km"] is not None:
+            ellipse = Markup("{}, {} from east to north").format(
+                product([one["semi_major_km"], one["semi_minor_km"]], "km"), quantity(one["angle_from_east_deg"], "deg")
+            )
+        when = Markup("{} ± {}").format(_second(one["epoch_utc"]), quantity(one["sigma_time_s"], "s"))
+        cells.append((name, when, where, ellipse, _speed(one["speed_km_s"]), f"{one['below_horizon_deg']:.1f}°"))
+    head = ("at", "UTC, 1σ", "middle place, geodetic", "ellipse, 1σ", "speed", "below the horizon")
+    return Table(
+        caption="Where and when it comes down, of the drawn orbits that hit",
+        head=head,
+        align="lllwrr",
+        rows=tuple(cells),
+    )
+
+
+def _second(epoch_utc: str) -> str:
+    """Date and time to the second."""
+    return epoch_utc[:19].replace("T", " ")
 
 
 def place(longitude_deg: float, latitude_deg: float) -> str:

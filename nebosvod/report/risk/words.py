@@ -76,15 +76,15 @@ def agreement(row: Item) -> tuple[list[str], list[Item]]:
     best = next((way for way in row["ways"] if way["way"] == row["recommended"]), row)
     agree, apart = [], []
     for way in row["ways"]:
-        if way is best or _same(best, way):
+        if way is best or consistent(best, way):
             agree.append(way_name(way["way"]))
         else:
             apart.append(way)
     return agree, apart
 
 
-def _same(one: Item, other: Item) -> bool:
-    """Whether two ways can both be right: by their standard errors, or so near that nobody would act on it."""
+def consistent(one: Item, other: Item) -> bool:
+    """Whether two answers can both be right: by their standard errors, or so near that nobody would act on it."""
     if one["bound"] or other["bound"]:
         return bool(one["low"] <= other["high"] and other["low"] <= one["high"])
     p, q = one["probability"], other["probability"]

@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 
+import jsonschema
 import numpy as np
 import numpy.typing as npt
 import pytest
@@ -16,7 +17,7 @@ from nebosvod.dynamics.elements import keplerian_to_state
 from nebosvod.errors import CoverageError, EventError, InputError
 from nebosvod.impacts.approaches import BODIES, Approach, approaches, least_in_ellipse, perigee_km
 from nebosvod.observation import read_spk
-from nebosvod.results.folder import SCHEMAS
+from nebosvod.results.folder import HERE, SCHEMAS
 from nebosvod.timescale import SECONDS_PER_DAY, Epoch
 from nebosvod.units import AU_KM
 
@@ -28,6 +29,7 @@ START = Epoch.parse("2010-01-01 TDB")
 YEAR_S = 365.25 * SECONDS_PER_DAY
 DENSE_S = 3600.0
 WITHIN_AU = 0.1
+COMPARED = schema_file(HERE / "orbit_comparison.schema.json")
 
 
 @pytest.fixture(scope="module")
@@ -297,6 +299,12 @@ def test_compare_sets_two_orbits_of_one_object_side_by_side(tmp_path: Path, caps
     found = json.loads(capsys.readouterr().out)
     assert all(0.0 < row["by_run"][1]["offset_sigmas"] < 1.0 for row in found["rows"])
     assert all(row["by_run"][0]["offset_sigmas"] == 0.0 for row in found["rows"])
+    for pair, told in ((("esa", "jpl"), "distance, km, 3σ"), (("esa-sky", "jpl-sky"), "offset, own sigmas")):
+        folders = [str(tmp_path / name) for name in pair]
+        page = tmp_path / f"{pair[0]}.html"
+        assert main(["compare", *folders, "--page", str(page), "--json"]) == 0
+        jsonschema.validate(json.loads(capsys.readouterr().out), COMPARED)
+        assert told in page.read_text("utf-8")
     assert main(["compare", str(tmp_path / "esa"), str(tmp_path / "jpl")]) == 0
     assert "2032-12-22" in capsys.readouterr().out
     assert main(["compare", str(tmp_path / "esa"), str(tmp_path / "jpl-sky")]) == 2

@@ -2,8 +2,9 @@
 
     python folder_mutants.py KIND RUN_FOLDER SCRATCH FIRST COUNT
 
-KIND: summary, manifest, arrays, visibility (by `report` and `compare`), campaign (by the reader of `validate`). The
-process has 1 GB; each mutant has 20 s. Prints one JSON object: exit codes by command, and what was wrong by seed.
+KIND: summary, manifest, arrays, visibility (by `report` and `compare`, of any kind of folder), campaign (by the reader
+of `validate`). The process has 1 GB; each mutant has 20 s. Prints one JSON object: exit codes by command, and what was
+wrong by seed.
 """
 
 import io
@@ -194,7 +195,8 @@ def read_run(kind: str, seed: int, whole: Path, copy: Path) -> Iterator[tuple[st
     """Mutate one file of a run, then make its report and compare it with the whole one."""
     name, mutation = FILES[kind]
     for file in ("summary.json", "manifest.json", "arrays.npz", "tables/visibility.ecsv"):
-        (copy / file).write_bytes((whole / file).read_bytes())
+        if (whole / file).exists():
+            (copy / file).write_bytes((whole / file).read_bytes())
     rng = random.Random(f"{kind} {seed}")
     (copy / name).write_bytes(mutation(rng, (whole / name).read_bytes()))
     yield "report", *answered(["report", str(copy)])

@@ -27,12 +27,30 @@ def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.fixture(scope="module")
+def ahead(tmp_path_factory: pytest.TempPathFactory, minimal_folder: Path) -> dict[str, Path]:
+    """An ephemeris and approaches of the orbit of a run."""
+    folder = tmp_path_factory.mktemp("ahead")
+    dates = ["--from", "2028-05-01", "--to", "2029-05-01"]
+    for command, more in (("ephemeris", ["--step", "30 d"]), ("approaches", ["--within", "3 au"])):
+        assert main([command, str(minimal_folder), *dates, *more, "-o", str(folder / command)]) == 0
+    return {command: folder / command for command in ("ephemeris", "approaches")}
+
+
 @pytest.mark.parametrize("kind", SHARES)
 def test_damaged_folders_always_get_a_page_or_a_sentence(
     kind: str, minimal_folder: Path, campaign: Path, tmp_path: Path
 ) -> None:
-    folder = campaign if kind == "campaign" else minimal_folder
-    cases = int(CASES * SHARES[kind])
+    damage(kind, campaign if kind == "campaign" else minimal_folder, int(CASES * SHARES[kind]), tmp_path)
+
+
+@pytest.mark.parametrize("command", ["ephemeris", "approaches"])
+def test_damaged_folders_of_an_orbit_ahead_do_too(command: str, ahead: dict[str, Path], tmp_path: Path) -> None:
+    damage("summary", ahead[command], CASES // 5, tmp_path)
+
+
+def damage(kind: str, folder: Path, cases: int, tmp_path: Path) -> None:
+    """Try so many mutants of one file of a folder."""
     codes: dict[str, int] = {}
     for first in range(0, cases, AT_ONCE):
         count = min(AT_ONCE, cases - first)

@@ -61,6 +61,16 @@ def budget(p: float) -> dict[str, Any]:
     }  # fmt: skip
 
 
+def corridor() -> dict[str, Any]:
+    level = {
+        "epoch_utc": "2038-07-10T05:30:20.123 UTC", "sigma_time_s": 133.0, "longitude_deg": -100.0,
+        "latitude_deg": 40.0, "semi_major_km": 400.0, "semi_minor_km": 20.0, "angle_from_east_deg": 15.0,
+        "no_ellipse": None, "speed_km_s": 18.0, "below_horizon_deg": 45.0,
+    }  # fmt: skip
+    bent = {"semi_major_km": None, "semi_minor_km": None, "angle_from_east_deg": None, "no_ellipse": "bent"}
+    return {"entry_100_km": level | bent, "ground": level, "grazing_probability": 0.004}
+
+
 def nights() -> list[dict[str, Any]]:
     chances = [None, 0.004, 0.03, 0.12, 0.26]
     return [
@@ -88,7 +98,9 @@ def make(name: str = "2026 PDC27", **more: Any) -> Result:
     ways = [way("linear", exact, exact, exact), way("line_of_variations", 0.88, 0.87, 0.89, 51, 12), sampled]
     far = [way("linear", 8e-4, 8e-4, 8e-4), way("sampling", 2 / DRAWS, 8e-5, 2.4e-3, DRAWS, 2)]
     rows = [
-        impactor(0, "earth", ways, budget=budget(p), sigmas=0.2, stretching_km=SIGMA_KM),
+        impactor(
+            0, "earth", ways, budget=budget(p), sigmas=0.2, stretching_km=SIGMA_KM, corridor=corridor(),
+        ),
         impactor(1, "moon", far, epoch_utc="2038-07-11T20:00:00 UTC", energy_mt=None, palermo=None, torino=None,
                  approach=approach("moon", impact=False, longitude_deg=None, latitude_deg=None)),
     ]  # fmt: skip

@@ -1,0 +1,70 @@
+"""Folders of risks side by side; cut, changed and hostile ones get a page or a sentence."""
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import pytest
+
+from nebosvod.borders.shape import schema_file
+from nebosvod.cli import main
+from nebosvod.results.folder import HERE
+
+MUTANTS = Path(__file__).resolve().parents[2] / "results" / "folder_mutants.py"
+CASES = int(os.environ.get("NEBOSVOD_FUZZ_CASES", "500"))
+
+
+@pytest.fixture(scope="module")
+def pair(make_risk_folder: Callable[..., Path], risk_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Any:
+    """The risk, and a later one that excludes it."""
+    none = {"way": "sampling", "probability": None, "low": 0.0, "high": 0.001, "bound": True, "draws": 3000, "hits": 0,
+            "effective_hits": 0.0, "note": None}  # fmt: skip
+    later = make_risk_folder(
+        tmp_path_factory.mktemp("later") / "later", virtual_impactors=[], n_virtual_impactors=0, sampling=none,
+        until_utc="2040-01-01T00:00:00 UTC", bodies=["earth"],
+    )  # fmt: skip
+    return risk_folder, later
+
+
+def test_risks_compare_impact_by_impact(pair: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    first, later = map(str, pair)
+    page = tmp_path / "both.html"
+    assert main(["compare", first, later, "--json", "--page", str(page)]) == 0
+    found = json.loads(capsys.readouterr().out)
+    jsonschema.validate(found, schema_file(HERE / "orbit_comparison.schema.json"))
+    assert found["warnings"] == [
+        "the bodies that may be hit differ: risk: earth, moon; later: earth",
+        "the last dates differ: risk: 2039-01-01T00:00:00 UTC; later: 2040-01-01T00:00:00 UTC",
+    ]
+    assert [row["body"] for row in found["rows"]] == ["earth", "moon"]
+    p = json.loads((pair[0] / "summary.json").read_text("utf-8"))["virtual_impactors"][0]["probability"]
+    assert found["rows"][0]["by_run"][0]["probability"] == p
+    assert found["rows"][0]["by_run"][1] is None
+    text = page.read_text("utf-8")
+    assert "The Earth, 2038-07-10: risk and later cannot both be right." in text
+    assert "not found: all together below" in text
+    assert 'id="chances-0"' in text
+    assert main(["compare", first, later]) == 0
+    said = capsys.readouterr().out
+    assert "not found, P < 0.001" in said
+    assert f"P {p:.3g} (" in said
+
+
+def test_two_kinds_do_not_compare(pair: Any, minimal_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["compare", str(pair[0]), str(minimal_folder)]) == 2
+    assert "folders of one kind compare with each other" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("kind", "cases"), [("summary", CASES // 8), ("arrays", CASES // 8)])
+def test_damaged_folders_get_a_page_or_a_sentence(kind: str, cases: int, risk_folder: Path, tmp_path: Path) -> None:
+    command = [sys.executable, str(MUTANTS), kind, str(risk_folder), str(tmp_path), "0", str(cases)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr[-2000:]
+    found = json.loads(done.stdout)
+    assert found["wrong"] == []
+    assert sum(found["codes"].values()) >= cases
