@@ -179,7 +179,7 @@ def read_expression(text: Any, known: Sequence[str]) -> Expression:
         raise InputError(f"needs a formula as text (got {printable(str(text))[:60]}); {HINT}")
     words = {as_word(name): name for name in reversed(known)}
     if text.strip() in known:  # a name alone may have blanks
-        return read_expression(as_word(text.strip()), known)
+        text = as_word(text.strip())
     if len(text) > MAX_LETTERS:
         raise InputError(f"is too long for a formula (got {len(text)} letters; allowed {MAX_LETTERS})")
     tree = _parsed(text)

@@ -11,7 +11,7 @@ from rich.table import Table
 from nebosvod.errors import counted, listed
 from nebosvod.results.compare import shown_budget
 
-UNITS = {"m_s": "m/s"}
+UNITS = {"m_s": "m/s", "km2_s2": "km^2/s^2", "deg_d": "deg/d", "1": ""}
 BUDGET_ROWS = 8
 
 

@@ -20,7 +20,7 @@ BLAMED = 3  # kinds of source named behind each prediction
 BASIS = {True: " and a prior orbit", False: ", no earlier orbit used", None: ""}
 SEEN = 0.01  # of a sigma, from which a mean error is told
 AGREE = 0.01  # formal and true sigmas that differ by less are called equal
-UNITS = {"m_s": "m/s"}  # as read, where the key cannot say it
+UNITS = {"m_s": "m/s", "km2_s2": "km^2/s^2", "deg_d": "deg/d", "1": ""}  # as read, where the key cannot say it
 MEANING = "true = what the error really is under the mission's error model; formal = what the estimator reports"
 
 

@@ -9,8 +9,9 @@ from nebosvod.dynamics.impact import BELOW_S, MOST_STEPS, what_it_hits
 from nebosvod.engine.approach import encounter_quantity
 from nebosvod.engine.facts import ImpactFacts, NoEventError, SkyFacts, StateFacts
 from nebosvod.engine.quantity import M_PER_KM, Quantity, make_quantity
+from nebosvod.engine.values import value_quantity
 from nebosvod.errors import CoverageError, NoAnswerError
-from nebosvod.mission.request import EncounterPrediction, Prediction, SkyPrediction, StatePrediction
+from nebosvod.mission.request import EncounterPrediction, Prediction, SkyPrediction, StatePrediction, ValuePrediction
 from nebosvod.observation import observe
 from nebosvod.scene.scene import Scene
 from nebosvod.timescale import Epoch, Scale
@@ -41,6 +42,8 @@ def quantity(scene: Scene, trajectory: Trajectory, request: Prediction, about: E
         _require_reached(scene, trajectory, request)
         if isinstance(request, SkyPrediction):
             return _seen(scene, trajectory, request)
+        if isinstance(request, ValuePrediction):
+            return value_quantity(scene, trajectory, request)
         return _state(scene, trajectory, request)
     except CoverageError as error:
         raise NoAnswerError(str(error), status="not_covered") from None
@@ -69,7 +72,9 @@ def out_of_steps(trajectory: Trajectory, scale: Scale) -> str:
     return f"the orbit is known to {end}: there the {MOST_STEPS:,} steps of a flight end; ask for an earlier time"
 
 
-def _require_alive(scene: Scene, trajectory: Trajectory, request: SkyPrediction | StatePrediction) -> None:
+def _require_alive(
+    scene: Scene, trajectory: Trajectory, request: SkyPrediction | StatePrediction | ValuePrediction
+) -> None:
     """Refuse a time after the impact that ends the orbit."""
     if request.at - scene.epoch <= trajectory.span_s[1]:
         hit = None if request.at - scene.epoch < trajectory.span_s[1] - 2.0 * BELOW_S else what_it_hits(trajectory)

@@ -31,6 +31,13 @@ class StateFacts:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ValueFacts:
+    """The element or the formula whose value it is."""
+
+    formula: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Ground:
     """Where over the Earth: geodetic longitude and latitude, and latitude as seen from the centre."""
 
@@ -97,7 +104,7 @@ class BodyFacts:
     body: str
 
 
-Facts = SkyFacts | StateFacts | EncounterFacts | EntryFacts | ImpactFacts | BodyFacts
+Facts = SkyFacts | StateFacts | ValueFacts | EncounterFacts | EntryFacts | ImpactFacts | BodyFacts
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -30,7 +30,7 @@ class Quantity:
     ----------
     request : what was asked.
     epoch : when it happens (for an encounter: the closest approach).
-    unit : of value and partials: "km", "arcsec" or "m_s".
+    unit : of value and partials: "km", "arcsec", "m_s", or that of a prediction that is one number.
     value : (d,), or None where only the error means anything (sky offsets, RTN axes).
     partials : (d, k) by `names`.
     facts : what is known of it beside its value.

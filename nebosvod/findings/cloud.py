@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from nebosvod.dynamics import Clones, Trajectory, propagate_many
 from nebosvod.dynamics.constants import SPEED_OF_LIGHT_KM_S
-from nebosvod.engine.facts import SkyFacts, StateFacts
+from nebosvod.engine.facts import SkyFacts, StateFacts, ValueFacts
 from nebosvod.engine.fitting import Fit
 from nebosvod.engine.quantity import Quantity
 from nebosvod.errors import EventError, InputError
@@ -30,10 +30,10 @@ def displacements(
 ) -> list[Array] | None:
     """Displacements (runs, d) of each quantity on the orbits moved by deviations; nan where it has no value there.
 
-    None where that takes a flight of each by itself: a prediction is of an encounter, or no orbit of the cloud can lead
-    the others.
+    None where that takes a flight of each by itself: a prediction is of an encounter or one number, or no orbit of the
+    cloud can lead the others.
     """
-    if any(one.encounter is not None for one in asked):
+    if any(one.encounter is not None or isinstance(one.facts, ValueFacts) for one in asked):
         return None
     points = [moved_point(scene, fit.point, deviation) for deviation in deviations]
     able = np.flatnonzero([_exists(scene, point) for point in points])

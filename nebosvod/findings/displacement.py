@@ -32,7 +32,12 @@ def displaced(base: Quantity, other: Quantity) -> Array | None:
         psi = np.radians([[other.facts.ra_deg, other.facts.dec_deg]])
         return np.asarray(as_seen(base, base.facts, psi, np.array([other.facts.distance_km]))[0])
     if base.axes is None:
-        return None if base.value is None or other.value is None else np.asarray(other.value - base.value)
+        if base.value is None or other.value is None:
+            return None
+        moved = np.asarray(other.value - base.value)
+        return (
+            moved - 360.0 * np.round(moved / 360.0) if base.request.plane == "element" and base.unit == "deg" else moved
+        )
     if isinstance(base.facts, StateFacts) and isinstance(other.facts, StateFacts):
         state = np.concatenate([other.facts.position_km, other.facts.velocity_km_s])
         return np.asarray(of_the_state(base.axes, base.unit, base.facts, state[None])[0])

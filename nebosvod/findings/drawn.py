@@ -157,7 +157,7 @@ def spread_of(one: Quantity, points: Array, factor: Array, mean_error: Array | f
     axes = np.linalg.svd((valid - mean) / np.sqrt(len(valid) - 1.0), compute_uv=False)
     linear = np.linalg.svd(factor, compute_uv=False)
     found = against_linear(valid + mean_error, factor)
-    label = {"m_s": "m/s"}.get(unit, unit)
+    label = {"m_s": "m/s", "1": ""}.get(unit, unit)
     drawn, believed = (" x ".join(f"{axis:.4g}" for axis in size) for size in (axes, linear[: len(axes)]))
     held, expected = 100.0 * found.inside_linear_3_sigma, 100.0 * found.expected_3_sigma
     verdict = "the linear ellipse misleads" if found.misleads else "the linear ellipse holds"

@@ -64,7 +64,7 @@ def cautions(found: OrbitFit, scene: Scene, predictions: Sequence[Answered]) -> 
         known = float(one.semi_axes[0])
         if not known or shift < SMALL * known:
             continue
-        unit = {"km": "km", "arcsec": "arcsec", "m_s": "m/s"}[one.quantity.unit]
+        unit = {"m_s": "m/s", "1": ""}.get(one.quantity.unit, one.quantity.unit)
         said.append(
             f"{one.request.name} lies {_years(one.quantity, found, t_s):.3g} years past the arc and A2 is held at 0: "
             f"one of the usual size, {a2:.2g} au/d^2 for a diameter of {size_km:.2g} km ({how}), would move it by "

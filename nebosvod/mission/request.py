@@ -8,6 +8,7 @@ from pydantic import Field, GetJsonSchemaHandler
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
 
+from nebosvod.borders.expression import read_expression
 from nebosvod.borders.treatment import Treatment
 from nebosvod.errors import InputError
 from nebosvod.mission.covariance import COMETARY_SCALE, NONGRAV_SCALE, STATE_SCALE, Array, Matrix, checked
@@ -25,6 +26,7 @@ from nebosvod.mission.fields import (
     Text,
     When,
 )
+from nebosvod.mission.formula import ELEMENTS, formula_names
 from nebosvod.mission.found import FoundOrbit, without_found
 from nebosvod.mission.orbit import Frame
 from nebosvod.mission.uncertainty import GROUPS, Group
@@ -56,6 +58,16 @@ def _names(value: Any) -> Any:
 TelescopeNames = Annotated[
     tuple[str, ...] | Literal["all"],
     Parsed(_names, {"anyOf": [{"const": "all"}, {"type": "array", "minItems": 1, "items": {"type": "string"}}]}),
+]
+
+
+def _formula(value: Any) -> str:
+    """A formula that can be read."""
+    return read_expression(value, formula_names()).text
+
+
+Formula = Annotated[
+    str, Parsed(_formula, {"type": "string", "maxLength": 1000, "examples": ["hypot(x - earth.x, y - earth.y)"]})
 ]
 
 
@@ -220,6 +232,49 @@ class StatePrediction(Block):
         return self.at
 
 
+class ValuePrediction(Block):
+    """One number of the orbit at a time: an osculating element, the specific energy, or a formula."""
+
+    name: Text
+    plane: Literal["element", "energy", "formula"]
+    element: Literal["a", "e", "q", "Q", "i", "node", "peri", "M", "tp", "period", "n"] | None = Field(
+        None, description="Heliocentric, ecliptic of J2000; tp: time to the perihelion passage"
+    )
+    formula: Formula | None = Field(
+        None,
+        description="Of x y z vx vy vz (heliocentric ICRF, km and km/s), the same of the Earth as earth.x ..., radius "
+        "(m), mass (kg), albedo, thermal_emission, A1 A2 A3 (au/d^2), gm_sun, gm_earth (km^3/s^2), au (km)",
+    )
+    unit: Annotated[str, Field(pattern=r"^(m_s|km2_s2|deg_d|[A-Za-z][A-Za-z0-9]{0,19})$")] | None = Field(
+        None, description="Of a formula, as it shall stand in keys: km, m_s, deg; without one a pure number"
+    )
+    at: When
+
+    def complaints(self) -> list[tuple[KeyPath, str]]:
+        """What the plane needs, and nothing else."""
+        found: list[tuple[KeyPath, str]] = []
+        for key in ("element", "formula"):
+            said = getattr(self, key) is not None
+            if said != (self.plane == key):
+                what = f"goes with plane {key}" if said else f"is missing; plane {key} needs it"
+                found.append(((key,), what))
+        if self.unit is not None and self.plane != "formula":
+            found.append((("unit",), "goes with plane formula; the others have one of their own"))
+        return found
+
+    @property
+    def when(self) -> Epoch:
+        """The epoch asked about."""
+        return self.at
+
+    @property
+    def in_unit(self) -> str:
+        """The unit of its value, as in a key."""
+        if self.element is not None:
+            return ELEMENTS[self.element]
+        return "km2_s2" if self.formula is None else self.unit or "1"
+
+
 class EncounterPrediction(Block):
     """The error on the target plane of an encounter, or of its smallest distance."""
 
@@ -243,7 +298,9 @@ class EncounterPrediction(Block):
         return self.near
 
 
-Prediction = Annotated[SkyPrediction | StatePrediction | EncounterPrediction, Field(discriminator="plane")]
+Prediction = Annotated[
+    SkyPrediction | StatePrediction | ValuePrediction | EncounterPrediction, Field(discriminator="plane")
+]
 
 
 NuisanceGroup = Literal["parameters", Group]

@@ -55,5 +55,8 @@ PLANES: Mapping[str, Plane] = {  # those that lead in the order of their rank
     "distance": Plane(words="distance from a telescope", components=("distance",), symbols=("distance",)),
     "rtn": Plane(words="position (radial, transverse, normal)", components=RTN, symbols=RTN),
     "rtn_velocity": Plane(words="velocity (radial, transverse, normal)", components=RTN, symbols=RTN),
+    "element": Plane(words="osculating element", components=("value",), symbols=("value",)),
+    "energy": Plane(words="specific energy", components=("value",), symbols=("value",)),
+    "formula": Plane(words="formula", components=("value",), symbols=("value",)),
     "position": Plane(words="heliocentric position (ICRF)", components=("x", "y", "z"), symbols=("x", "y", "z")),
 }

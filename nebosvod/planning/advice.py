@@ -5,7 +5,7 @@ from typing import Any
 
 from nebosvod.errors import counted
 
-UNITS = {"m_s": "m/s"}
+UNITS = {"m_s": "m/s", "km2_s2": "km^2/s^2", "deg_d": "deg/d", "1": ""}
 CRITERIA = {
     "a": "root trace",
     "d": "geometric mean of the semi-axes",

@@ -1,6 +1,15 @@
 """Predictions, and encounters that may be impacts, as rows of summary.json, units in the key names."""
 
-from nebosvod.engine.facts import BodyFacts, EncounterFacts, EntryFacts, Facts, ImpactFacts, SkyFacts, StateFacts
+from nebosvod.engine.facts import (
+    BodyFacts,
+    EncounterFacts,
+    EntryFacts,
+    Facts,
+    ImpactFacts,
+    SkyFacts,
+    StateFacts,
+    ValueFacts,
+)
 from nebosvod.engine.quantity import time_scale
 from nebosvod.estimation.accuracy import ellipse
 from nebosvod.estimation.accuracy.formed import matrices
@@ -84,6 +93,8 @@ def facts(found: Facts) -> rows.Row:
             }
         case StateFacts():
             return {"position_km": found.position_km.tolist(), "velocity_km_s": found.velocity_km_s.tolist()}
+        case ValueFacts():
+            return {"formula": found.formula}
         case EncounterFacts():
             return _encounter(found)
         case EntryFacts():

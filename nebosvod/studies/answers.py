@@ -13,7 +13,7 @@ import numpy as np
 from nebosvod.errors import InputError
 from nebosvod.findings.prediction import Answered
 from nebosvod.mission import Mission
-from nebosvod.mission.request import Prediction
+from nebosvod.mission.request import Prediction, ValuePrediction
 from nebosvod.mission.vocabulary import PLANES
 from nebosvod.mission.yaml.yamlfile import shown
 from nebosvod.studies.point import Point
@@ -21,7 +21,7 @@ from nebosvod.studies.point import Point
 Shares = dict[str, float]  # by source
 ENCOUNTER = ("b_plane", "mtp", "perigee_distance", "entry")
 UNITS = {"sky": "arcsec", "rtn_velocity": "m_s"}
-SHOWN = {"m_s": "m/s", "km_s": "km/s"}
+SHOWN = {"m_s": "m/s", "km_s": "km/s", "km2_s2": "km^2/s^2", "deg_d": "deg/d", "1": ""}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -100,7 +100,7 @@ def _of_prediction(name: str, of: str, rest: str, mission: Mission) -> Asked:
 
 def _numbers(request: Prediction) -> dict[str, tuple[str, Callable[[Answered], float | None]]]:
     """The numbers of a prediction: unit, and how they are taken."""
-    unit = UNITS.get(request.plane, "km")
+    unit = request.in_unit if isinstance(request, ValuePrediction) else UNITS.get(request.plane, "km")
     word = SHOWN.get(unit, unit)
     size = len(PLANES[request.plane].components)
     found: dict[str, tuple[str, Callable[[Answered], float | None]]] = {}

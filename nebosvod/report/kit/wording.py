@@ -29,7 +29,16 @@ LADDER: dict[str, tuple[tuple[float, float, str], ...]] = {
     "arcsec": ((3600.0, 1 / 3600.0, "°"), (0.1, 1.0, "arcsec"), (1e-4, 1e3, "mas"), (0.0, 1e6, "µas")),
     "deg": ((0.0, 1.0, "°"),),
 }
-UNIT_TEXT = {"km_s": "km/s", "m_s": "m/s", "au_d2": "au/d²", "deg": "°", "1": "", "": ""}
+UNIT_TEXT = {
+    "km_s": "km/s",
+    "m_s": "m/s",
+    "au_d2": "au/d²",
+    "deg": "°",
+    "deg_d": "°/d",
+    "km2_s2": "km²/s²",
+    "1": "",
+    "": "",
+}
 
 PARAMETERS = {
     "radius_m": ("radius", "m"),

@@ -46,10 +46,10 @@ def _curve_plate(block: Item) -> Plate | None:
     every = {name: _numbers(counted.get(f"{name}_{unit}")) for name in ("all", "noise_and_prior", "noise_only")}
     sparse, noisy = (_numbers(block[k][f"sigma_total_{unit}"]) for k in ("cadence", "telescope_noise"))
     finals = every["all"][np.isfinite(every["all"])]
-    if not len(finals):
+    if not len(finals) or not finals[-1] > 0.0:
         return None
     factor, text = scale_of(float(finals[-1]), unit)
-    every = {k: np.where(v < MOST * finals[-1], v * factor, np.nan) for k, v in every.items() if len(v)}
+    every = {k: np.where((v > 0.0) & (v < MOST * finals[-1]), v * factor, np.nan) for k, v in every.items() if len(v)}
     values = [v for curve in (*every.values(), sparse * factor, noisy * factor) for v in curve]
     y = logarithmic(values, f"total σ, {text}", most=5)
     key = "curves-" + array_name(block["prediction"]).replace("_", "-")

@@ -32,6 +32,10 @@ def test_a_formula_has_the_value_of_mathematics(text: str, value: float) -> None
     assert read_expression(text, list(VALUES))(VALUES) == pytest.approx(value, rel=1e-14)
 
 
+def test_a_name_alone_is_a_formula() -> None:
+    assert read_expression("x", list(VALUES))(VALUES) == VALUES["x"]
+
+
 def test_arrays_are_taken_whole() -> None:
     x = np.linspace(0.1, 0.9, 5)
     found = read_expression("sqrt(x) + y", list(VALUES))({"x": x, "y": 1.0})

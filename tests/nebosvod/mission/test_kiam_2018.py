@@ -189,7 +189,7 @@ def test_refined_telescope_positions_are_those_of_one_dense_solution(made: Made,
         rows = np.flatnonzero(index == number)
         place = [len(names) + 3 * k + i for k in rows for i in range(3)]
         assert shown[key].reshape(-1) == pytest.approx(best[place], abs=1e-4 * 3.0)
-        for j, k in enumerate(rows):
+        for j, k in enumerate(rows.tolist()):
             own = slice(len(names) + 3 * k, len(names) + 3 * k + 3)
             assert shown[f"K_{key}"][j] == pytest.approx(K[own, own], abs=1e-5 * 9.0)
             by_own = (K @ H.T @ W)[own, 2 * k : 2 * k + 2]
