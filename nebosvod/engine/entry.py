@@ -18,6 +18,7 @@ from nebosvod.dynamics.surface import height_km
 from nebosvod.observation.earth.constants import EARTH_ROTATION_RAD_S
 from nebosvod.observation.earth.earth_orientation import orientation
 from nebosvod.observation.earth.earth_rotation import R_icrf_from_cirs, tt_days
+from nebosvod.observation.earth.ground import R_itrf_from_icrf
 from nebosvod.timescale import Epoch
 
 Array = npt.NDArray[np.float64]
@@ -113,17 +114,6 @@ def entry_point(trajectory: Trajectory, approach: Encounter, altitude_km: float)
         place=place,
         place_partials=None if place is None else _on_the_ground(place, to_ground @ moved @ both),
     )
-
-
-def R_itrf_from_icrf(epoch: Epoch) -> Array:
-    """Rotation (3, 3) into axes fixed to the Earth: precession, nutation, UT1 and the pole as tabulated."""
-    tt = tt_days(epoch, np.zeros(1))
-    earth = orientation(np.array([epoch.day]), tt)
-    angle = erfa.era00(*earth.ut1_jd)[0]
-    turned = erfa.rz(angle, R_icrf_from_cirs(epoch, np.zeros(1))[0].T)
-    sp = erfa.sp00(epoch.day, float(tt[0]))
-    result: Array = erfa.pom00(earth.x_pole_rad[0], earth.y_pole_rad[0], sp) @ turned
-    return result
 
 
 def on_the_ground(positions_km: Array, epoch: Epoch, t_s: Array) -> tuple[Array, Array, Array]:

@@ -7,9 +7,10 @@ import numpy.typing as npt
 
 from nebosvod.dynamics.surface import height_km
 from nebosvod.dynamics.twobody_many import fly
-from nebosvod.engine.entry import R_itrf_from_icrf, place_of
+from nebosvod.engine.entry import place_of
 from nebosvod.first_hour.falls import Falls
 from nebosvod.first_hour.tracklet import Tracklet
+from nebosvod.observation.earth.ground import R_itrf_from_icrf
 from nebosvod.timescale import Epoch
 
 Array = npt.NDArray[np.float64]

@@ -1,29 +1,40 @@
 """The heliocentric orbit of the object in the forms people have it: elements, a state, or JPL's SBDB block."""
 
-from typing import Annotated, Any, Literal
+import math
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, GetJsonSchemaHandler, model_validator
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
 
-from nebosvod.errors import InputError
-from nebosvod.mission.covariance import COMETARY_SCALE, Matrix
+from nebosvod.errors import CoverageError, InputError
+from nebosvod.mission.covariance import COMETARY_SCALE, Array, Matrix
 from nebosvod.mission.fields import (
     LARGEST,
+    Altitude,
     Angle,
+    Azimuth,
     Block,
     Complaints,
+    Height,
     Inclination,
     KeyPath,
     Length,
     Parsed,
     PositiveLength,
+    PositiveSpeed,
     Several,
     Speed,
     When,
 )
 from nebosvod.timescale import Epoch
 from nebosvod.units import AU_KM, DEG
+
+if TYPE_CHECKING:
+    from nebosvod.dynamics import Ephemeris
+
+GM_EARTH_KM3_S2 = 398600.4  # for limits of a speed alone
+FASTEST_KM_S = 73.0  # of what is bound to the Sun
 
 Frame = Literal["ecliptic_j2000", "icrf"]
 Representation = Literal["cometary", "keplerian", "equinoctial", "state"]
@@ -133,6 +144,77 @@ class StateOrbit(Block):
     def elements(self) -> Six:
         """[x, y, z km, vx, vy, vz km/s] on the axes of `frame`."""
         return (*self.position, *self.velocity)  # type: ignore[return-value]
+
+
+class ImpactOrbit(Block):
+    """An orbit that comes down over a place of the Earth: where, when, from where, how fast."""
+
+    kind: Literal["impact"]
+    at: When = Field(description="When it comes through the altitude")
+    longitude: Azimuth = Field(description="Geodetic, east")
+    latitude: Altitude = Field(description="Geodetic")
+    altitude: Height = Field(100.0, description="Over the ellipsoid of WGS 84, 20 km to 1000 km; 100 km when absent")
+    elevation: Altitude = Field(description="Of the path, below the horizon: more than 0 deg, up to 90 deg")
+    azimuth: Azimuth = Field(description="Where it flies to, from north to east")
+    speed: PositiveSpeed = Field(description="From the Earth's centre, whose axes do not turn")
+
+    def complaints(self) -> list[tuple[KeyPath, str]]:
+        """It comes from far away, and from above."""
+        found: list[tuple[KeyPath, str]] = []
+        if not 20.0 <= self.altitude <= 1000.0:
+            found.append((("altitude",), f"is out of range (got {self.altitude:g} km; allowed 20 km to 1000 km)"))
+        if self.elevation <= 0.0:
+            found.append((("elevation",), "is not above 0 deg: the path must lead down"))
+        escape = math.sqrt(2.0 * GM_EARTH_KM3_S2 / (6378.0 + self.altitude))
+        if not escape < self.speed <= FASTEST_KM_S:
+            text = (
+                f"is out of range (got {self.speed:g} km/s; allowed more than {escape:.2f} km/s, which comes from far"
+            )
+            found.append((("speed",), f"{text} away, to {FASTEST_KM_S:g} km/s)"))
+        return found
+
+    @property
+    def epoch(self) -> Epoch:
+        """When it comes down."""
+        return self.at
+
+    @property
+    def frame(self) -> Frame:
+        """Axes of `elements`."""
+        return "icrf"
+
+    @property
+    def representation(self) -> Representation:
+        """How `elements` are to be read."""
+        return "state"
+
+    @property
+    def elements(self) -> Six:
+        """[x, y, z km, vx, vy, vz km/s], heliocentric, by the ephemeris that is found.
+
+        Where that ends before, a state of the Earth's orbit, for estimates of cost: the epoch is refused elsewhere.
+        """
+        from nebosvod.dynamics import Ephemeris
+
+        try:
+            return tuple(self.state(Ephemeris.load()).tolist())
+        except CoverageError:
+            return (AU_KM, 0.0, 0.0, 0.0, 30.0, 0.0)
+
+    def state(self, ephemeris: "Ephemeris") -> Array:
+        """Heliocentric ICRF state (6,) by an ephemeris."""
+        from nebosvod.observation.earth.ground import falling_state
+
+        return falling_state(
+            ephemeris,
+            self.at,
+            longitude_rad=self.longitude,
+            latitude_rad=self.latitude,
+            altitude_km=self.altitude,
+            elevation_rad=self.elevation,
+            azimuth_rad=self.azimuth,
+            speed_km_s=self.speed,
+        )
 
 
 def _number(value: Any) -> float:

@@ -22,6 +22,7 @@ from nebosvod.mission.orbit import (
     WATER_ICE,
     CometaryOrbit,
     EquinoctialOrbit,
+    ImpactOrbit,
     KeplerianOrbit,
     SbdbOrbit,
     StateOrbit,
@@ -44,7 +45,8 @@ FOUR_THIRDS_PI = 4.1887902047863905
 # What is estimated in place of a quantity whose error is lognormal -> the quantity, as the force model names it
 LOGARITHMS = {"ln_radius": "radius_m", "ln_mass": "mass_kg", "ln_albedo": "albedo"}
 Orbit = Annotated[
-    CometaryOrbit | KeplerianOrbit | EquinoctialOrbit | StateOrbit | SbdbOrbit | FileOrbit, Field(discriminator="kind")
+    CometaryOrbit | KeplerianOrbit | EquinoctialOrbit | StateOrbit | ImpactOrbit | SbdbOrbit | FileOrbit,
+    Field(discriminator="kind"),
 ]
 
 

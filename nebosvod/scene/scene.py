@@ -14,6 +14,7 @@ from nebosvod.dynamics.constants import RADIUS_KM
 from nebosvod.dynamics.impact import carry, follow
 from nebosvod.errors import CoverageError, GeometryError, InputError
 from nebosvod.mission import Mission, Question, Source
+from nebosvod.mission.orbit import ImpactOrbit
 from nebosvod.mission.reading.places import asking, place
 from nebosvod.mission.request import Prediction
 from nebosvod.mission.spacecraft import OemFile, Spk, Tabulated
@@ -281,7 +282,10 @@ def force_model(mission: Question, ephemeris: Ephemeris) -> ForceModel:
 
 def state_at(orbit: Orbit, epoch: Epoch, forces: ForceModel) -> Array:
     """The nominal state (6,) of an orbit carried from its own epoch to another."""
-    state = orbit_state(orbit, forces.ephemeris.gm_km3_s2["sun"])
+    if isinstance(orbit, ImpactOrbit):  # over a place of the Earth, wherever this ephemeris has it
+        state = orbit.state(forces.ephemeris)
+    else:
+        state = orbit_state(orbit, forces.ephemeris.gm_km3_s2["sun"])
     if epoch == orbit.epoch:
         return state
     carried: Array = carry(state, orbit.epoch, epoch, forces).state[0]
