@@ -33,6 +33,7 @@ from nebosvod.errors import (
 from nebosvod.version import __version__
 
 VERBS = {
+    "alert": "What is known in the first hour: impact, orbit, where to look.",
     "approaches": "What an orbit comes near to, and how near.",
     "check": "Validate a mission and show what it means; run nothing.",
     "compare": "Show several runs side by side.",
@@ -92,6 +93,7 @@ def app() -> None:
         nebosvod plan my.yaml -p NAME     what to measure next
         nebosvod compare DIR DIR          runs side by side
         nebosvod study STUDY.yaml         thousands of missions, one answer
+        nebosvod alert FILE...            how likely an impact is, when an orbit cannot be told yet
         nebosvod fit FILE...              an orbit from real observations
         nebosvod ephemeris ORBIT ...      where it is seen, and how well that is known
         nebosvod elements ORBIT           its elements at a date, with sigmas

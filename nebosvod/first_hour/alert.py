@@ -7,9 +7,11 @@ import numpy as np
 import numpy.typing as npt
 
 from nebosvod.dynamics.constants import DAY_S
+from nebosvod.estimation.filters.combined import EquivalentMeasurement, equivalent_measurement
 from nebosvod.first_hour.conditional import Conditional
 from nebosvod.first_hour.corridor import Corridor, corridor
 from nebosvod.first_hour.draws import Draws
+from nebosvod.first_hour.equivalent import block, wide
 from nebosvod.first_hour.falls import WITHIN_D, Chance, Falls, chance, fall
 from nebosvod.first_hour.grid import ENOUGH, HEADLINE, Grid, grid_of
 from nebosvod.first_hour.look import Field, fields_of
@@ -75,6 +77,19 @@ class Alert:
     def enough(self) -> bool:
         """Whether enough nodes carry the weight."""
         return self.grid.effective() >= ENOUGH
+
+    @property
+    def equivalent(self) -> EquivalentMeasurement:
+        """What a filter takes in place of the observations: of the six coordinates, after a prior that says nothing."""
+        posterior = block(self.grid)
+        return equivalent_measurement(wide(posterior), posterior)
+
+    @property
+    def bounds(self) -> Array:
+        """(g, 3) ln(range), least and largest range rate of the region."""
+        lines = self.grid.lines
+        low, high = self.question.region.rates(self.grid.conditional, lines.coordinates)
+        return np.stack([lines.coordinates[:, 0], low, high], axis=1)
 
     @property
     def sigma_log_range(self) -> float:

@@ -8,6 +8,7 @@ import numpy.typing as npt
 from nebosvod.dynamics.surface import height_km
 from nebosvod.dynamics.twobody_many import fly
 from nebosvod.engine.entry import place_of
+from nebosvod.first_hour.contour import contours
 from nebosvod.first_hour.falls import Falls
 from nebosvod.first_hour.tracklet import Tracklet
 from nebosvod.observation.earth.ground import R_itrf_from_icrf
@@ -39,6 +40,17 @@ class Corridor:
     entry_deg: Array
     speed_km_s: Array
     elevation_deg: Array
+
+    @property
+    def contours_deg(self) -> dict[str, list[Array]]:
+        """Closed lines around what holds 68 and 95 % of the points on the ground; longitudes run on across 180."""
+        return contours(np.column_stack([self.longitude_deg, self.place_deg[:, 1]]), self.weight)
+
+    @property
+    def longitude_deg(self) -> Array:
+        """(m,) on the ground, within half a turn of their middle."""
+        turned = np.degrees(np.angle(np.exp(1j * np.radians(self.place_deg[:, 0])).sum()))
+        return np.asarray(turned + (self.place_deg[:, 0] - turned + 180.0) % 360.0 - 180.0)
 
 
 def corridor(tracklet: Tracklet, falls: Falls, rng: np.random.Generator) -> Corridor | None:

@@ -11,7 +11,7 @@ from nebosvod.first_hour.grid import HEADLINE, Grid, interval_of, log_prior
 
 Array = npt.NDArray[np.float64]
 Rows = npt.NDArray[np.int64]
-LEAST = 1e-7  # weight of a cell from which at least one orbit is drawn
+LEAST, NEAR_LEAST = 1e-4, 1e-8  # weight of a cell from which at least one orbit is drawn, and of one near the target
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -58,11 +58,16 @@ class Draws:
         )
 
 
-def shares(grid: Grid, count: int) -> Rows:
-    """How many of `count` orbits to draw in each cell (m,): by the mean weight of the priors, at least one."""
+def shares(grid: Grid, count: int, near: npt.NDArray[np.bool_]) -> Rows:
+    """How many of `count` orbits to draw in each cell (m,): by the mean weight of the priors, at least one.
+
+    Parameters
+    ----------
+    near : (m,) which cells may hold orbits that hit, however little they weigh.
+    """
     p = np.mean([grid.weight(prior) for prior in grid.priors], axis=0)
     found = np.rint(count * p).astype(np.int64)
-    return np.where(p > LEAST, np.maximum(found, 1), 0)
+    return np.where(p > np.where(near, NEAR_LEAST, LEAST), np.maximum(found, 1), 0)
 
 
 def draw(grid: Grid, number: Rows, rng: np.random.Generator) -> Draws:

@@ -27,7 +27,7 @@ TOLERANCE = 1e-8
 FAR_KM = 0.03 * AU_KM  # from the Earth, by the Sun alone: what it is about wrong by within a hundred days is less
 LOOK_S = 0.5 * DAY_S
 TARGET_KM = 3e4  # a cell that misses by as much may hold orbits that hit
-FIRST, MORE, ROUNDS = 400, 250, 2
+FIRST, MORE, ROUNDS = 150, 100, 2
 CLEAR = 1e-6  # of a cell: it need not be looked at again
 TAIL = 0.025
 LEFT_OUT = 1e-6  # of the mass, that no cell or no draw stands for
@@ -83,7 +83,8 @@ class Chance:
 def fall(grid: Grid, within_d: float, rng: np.random.Generator) -> Falls:
     """Draw orbits of a grid and see what becomes of them within some days of the reference time."""
     tracklet = grid.conditional.tracklet
-    found = flown(tracklet, draw(grid, shares(grid, FIRST), rng), within_d)
+    miss = _nearest_by_the_sun(tracklet, grid.conditional.states(grid.nodes.coordinates), within_d)
+    found = flown(tracklet, draw(grid, shares(grid, FIRST, miss < 10.0 * TARGET_KM), rng), within_d)
     for _ in range(ROUNDS):
         number = _unclear(grid, found, MORE)
         if not number.any():

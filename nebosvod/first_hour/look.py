@@ -3,10 +3,10 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import contourpy
 import numpy as np
 import numpy.typing as npt
 
+from nebosvod.first_hour.contour import contours
 from nebosvod.first_hour.draws import Draws
 from nebosvod.first_hour.region import SLOPE, magnitudes_of
 from nebosvod.first_hour.sight import lines, together
@@ -19,8 +19,6 @@ from nebosvod.timescale import Epoch
 
 Array = npt.NDArray[np.float64]
 SHOWN = 300  # orbits that are put on the sky
-SHARES = (0.68, 0.95)
-CELLS, REACH = 64, 0.15  # of the map of density, and how far it goes beyond the points
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -84,13 +82,12 @@ def _field(name: str, epoch: Epoch, line: Array, magnitude: float | None, fallen
     across = np.stack([u @ east, u @ north], axis=1)
     sine = np.linalg.norm(across, axis=1)
     plane = across * (np.arctan2(sine, u @ centre) / np.maximum(sine, 1e-15))[:, None]
-    axes, sigma, _ = np.linalg.svd((plane - plane.mean(axis=0)).T / np.sqrt(len(plane)), full_matrices=False)
-    contours = {
-        f"{100 * share:.0f}": [_on_the_sky(edge @ axes.T + plane.mean(axis=0), centre, east, north) for edge in edges]
-        for share, edges in _contours((plane - plane.mean(axis=0)) @ axes).items()
+    sigma = np.linalg.svd((plane - plane.mean(axis=0)).T / np.sqrt(len(plane)), compute_uv=False)
+    around = {
+        share: [_on_the_sky(edge, centre, east, north) for edge in edges] for share, edges in contours(plane).items()
     }
     return Field(
-        telescope=name, epoch=epoch, psi=_psi(u), middle=_psi(centre[None])[0], sigma_rad=sigma, contours=contours,
+        telescope=name, epoch=epoch, psi=_psi(u), middle=_psi(centre[None])[0], sigma_rad=sigma, contours=around,
         magnitude=magnitude, fallen=fallen,
     )  # fmt: skip
 
@@ -105,19 +102,3 @@ def _on_the_sky(plane: Array, centre: Array, east: Array, north: Array) -> Array
     angle = np.linalg.norm(plane, axis=1)[:, None]
     toward = (plane[:, :1] * east + plane[:, 1:] * north) / np.maximum(angle, 1e-15)
     return _psi(np.cos(angle) * centre + np.sin(angle) * toward)
-
-
-def _contours(points: Array) -> dict[float, list[Array]]:
-    """Closed lines around the densest parts of points (m, 2) on their principal axes, by the share they hold."""
-    size = np.maximum(np.ptp(points, axis=0), 1e-12)
-    width = np.maximum(np.std(points, axis=0) * len(points) ** (-1.0 / 6.0), 1e-3 * size)  # Scott's rule
-    low, high = points.min(axis=0) - 3.0 * width - REACH * size, points.max(axis=0) + 3.0 * width + REACH * size
-    x, y = (np.linspace(low[i], high[i], CELLS) for i in range(2))
-    kernels = [np.exp(-0.5 * ((axis[:, None] - points[:, i]) / width[i]) ** 2) for i, axis in enumerate((x, y))]
-    density = kernels[1] @ kernels[0].T
-    flat = np.sort(density.ravel())[::-1]
-    held = np.cumsum(flat) / flat.sum()
-    drawn = contourpy.contour_generator(x, y, density)
-    return {
-        share: [np.asarray(edge) for edge in drawn.lines(float(flat[np.searchsorted(held, share)]))] for share in SHARES
-    }

@@ -100,7 +100,7 @@ def tracklet_of(material: Material, records: Astrometry, mission: FitMission) ->
     name = records.objects[0]
     reference = middle_of(material.astrometry.t_s)
     epoch = material.exposures.epoch + float(material.exposures.t_s[reference])
-    forces = replace(force_model(mission, material.ephemeris), parameters=())
+    forces = force_model(mission, material.ephemeris)
     bare = Tracklet.of(name, material.exposures, material.observed, forces, Columns.none(len(material)))
     conditional = Conditional(bare)
     state = conditional.states(conditional.first(np.array([HALF_AU]), np.zeros(1)))[0]

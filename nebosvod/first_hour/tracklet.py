@@ -157,7 +157,7 @@ class Tracklet:
     exposures : when, from where and how well; they count from the reference time, which is that of row `reference`.
     observed : (n, 2) RA and Dec, rad.
     columns : what is uncertain beside the noise.
-    forces : by which it moves.
+    forces : by which it moves; without asteroids.
     magnitude : V as it was seen at the reference time; None where no record says.
     """
 
@@ -176,6 +176,8 @@ class Tracklet:
     ) -> "Tracklet":  # fmt: skip
         """A tracklet about the measurement nearest to the middle of its time."""
         reference = middle_of(exposures.t_s)
+        # within months asteroids move nothing that is seen or hit by as much as the attributable leaves open
+        forces = replace(forces, asteroids=False, parameters=())
         return cls(
             name=name,
             exposures=exposures.counted_from(exposures.epoch + float(exposures.t_s[reference])),

@@ -11,6 +11,7 @@ PAGES = {
     "fit": ("nebosvod.report.fit.page", "make_fit_report"),
     "ephemeris": ("nebosvod.report.orbit_pages", "make_ephemeris_page"),
     "approaches": ("nebosvod.report.orbit_pages", "make_approaches_page"),
+    "alert": ("nebosvod.report.alert_page", "make_alert_page"),
     "risk": ("nebosvod.report.risk.page", "make_risk_page"),
     None: ("nebosvod.report.run.page", "make_report"),
 }

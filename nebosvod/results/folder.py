@@ -24,6 +24,7 @@ SCHEMAS = {  # by the kind that a summary says; a run says none
     "fit": HERE / "fit_summary.schema.json",
     "ephemeris": HERE / "ephemeris.schema.json",
     "approaches": HERE / "approaches.schema.json",
+    "alert": HERE / "alert.schema.json",
     "risk": HERE / "risk.schema.json",
 }
 REQUIRED = ("mission", "object", "reference_epoch_tdb", "n_observations", "telescopes", "estimators")

@@ -1,0 +1,263 @@
+"""The page of a folder of `nebosvod alert`."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from markupsafe import Markup
+
+from nebosvod.borders.stored import read_arrays, read_object
+from nebosvod.report.kit.base import render
+from nebosvod.report.kit.chart import Chart
+from nebosvod.report.kit.download import csv
+from nebosvod.report.kit.plate import BLUE, GREEN, GREY, SKY, VERMILION, Plate, thin
+from nebosvod.report.kit.scale import linear, logarithmic
+from nebosvod.report.kit.wording import moment, number
+from nebosvod.report.kit.worldmap import Corridor, maps
+from nebosvod.report.run.tables import Cell, Table
+from nebosvod.timescale import Epoch
+
+Item = Mapping[str, Any]
+Array = npt.NDArray[np.float64]
+Arrays = Mapping[str, npt.NDArray[Any]]
+PRIORS = {
+    "uniform": ("uniform in range and rate", BLUE, "o"),
+    "cartesian": ("uniform in space and velocity", VERMILION, "s"),
+    "jeffreys": ("Jeffreys’", GREEN, "^"),
+}
+QUANTITIES = {
+    "range_au": "range, au", "rate_km_s": "range rate, km/s", "a_au": "semi-major axis, au", "e": "eccentricity",
+    "i_deg": "inclination, deg", "q_au": "perihelion, au", "H": "H", "diameter_m": "diameter, m",
+}  # fmt: skip
+MOST_FIELDS = 6
+NOTED = 1e-3  # a probability from which the verdict is a caution
+
+
+def make_alert_page(folder: Path) -> str:
+    """Return the page of a folder of `nebosvod alert`; the same folder gives the same bytes."""
+    summary, arrays = read_object(Path(folder) / "summary.json"), read_arrays(Path(folder) / "arrays.npz")
+    fields = summary["fields"][:MOST_FIELDS]
+    return render(
+        "alert.html",
+        kind="First hour",
+        title=summary["title"],
+        summary=summary,
+        arc=_arc(summary["arc_h"]),
+        headline=_headline(summary),
+        tone="caution" if summary["warnings"] or (summary["probability"] or 0.0) >= NOTED else "good",
+        tiles=_tiles(summary),
+        plane=[_plane(summary, arrays)],
+        chances=_chances(summary),
+        quantities=_quantities(summary["quantities"]),
+        scores=_scores(summary["scores"]),
+        fields=[_field(row, arrays[f"field_psi_{k}"], k) for k, row in enumerate(fields)],
+        field_table=_fields(summary["fields"]),
+        corridor=_corridor(summary, arrays),
+        history=[_history(summary["history"])] if len(summary["history"]) > 1 else [],
+        decisions=_decisions(summary["decisions"]),
+    )
+
+
+def _arc(hours: float) -> str:
+    return f"{60.0 * hours:.0f} min" if hours < 2.0 else f"{hours:.1f} h" if hours < 48.0 else f"{hours / 24.0:.1f} d"
+
+
+def _chance(row: Item) -> Cell:
+    """A probability with its interval, or the bound."""
+    if row["bound"]:
+        return Markup("&lt; {}").format(number(row["high"], 2))
+    return Markup("{} ({} to {})").format(number(row["probability"]), number(row["low"]), number(row["high"]))
+
+
+def _headline(summary: Item) -> Cell:
+    """The answer in a line."""
+    return Markup("Probability to hit the Earth within {} days: {}").format(
+        f"{summary['within_d']:g}", _chance(summary)
+    )
+
+
+def _tiles(summary: Item) -> list[tuple[str, Cell]]:
+    """The numbers a reader looks for."""
+    quantities = summary["quantities"]
+    tiles: list[tuple[str, Cell]] = [("probability, 95 %", _chance(summary))]
+    fall = summary["impact"]
+    if fall is not None:
+        when = Markup("{} ± {} s").format(moment(fall["epoch_utc"]), number(fall["half_68_s"], 2))
+        tiles.append(("if it hits, 68 %", when))
+    best = quantities["range_au"]
+    tiles.append(("range, 68 %", f"{number(best['q16'])} to {number(best['q84'])} au"))
+    if size := quantities.get("diameter_m"):
+        tiles.append(("diameter, 68 %", f"{number(size['q16'], 2)} to {number(size['q84'], 2)} m"))
+    return tiles
+
+
+def _plane(summary: Item, arrays: Arrays) -> Plate:
+    """Nodes of the grid in the plane of range and range rate, the bounds, and the drawn orbits that hit."""
+    x, y, level = np.exp(arrays["node_ln_range_au"]), arrays["node_rate_km_s"], arrays["node_level"]
+    shown = level < 0.9999
+    hit = (arrays["draw_body"] == "earth") & (arrays["draw_weight_uniform"] > 0.0)
+    hit_x, hit_y = np.exp(arrays["draw_ln_range_au"][hit]), arrays["draw_rate_km_s"][hit]
+    across, up = logarithmic(x[shown], "range, au"), linear(y[shown], "range rate, km/s")
+    chart = Chart("plane", height=330.0)
+    panel = chart.panel(across, up, top=8.0, bottom=250.0)
+    panel.open()
+    panel.clip()
+    for column in (0, 1):
+        panel.line(
+            np.exp(arrays["bound_ln_range_au"]), arrays["bound_rate_km_s"][:, column], "bound of the region",
+            stroke=GREY, stroke_width=1.0, stroke_dasharray="6 4",
+        )  # fmt: skip
+    parts = (
+        (shown & (level >= 0.95), "outside of 95 %", GREY, 1.6),
+        ((level >= 0.68) & (level < 0.95), "within 95 %", SKY, 2.4),
+        (level < 0.68, "within 68 %", BLUE, 3.0),
+    )  # fmt: skip
+    for chosen, name, color, size in parts:
+        panel.dots(x[chosen], y[chosen], "o", name, color=color, size=size)
+    few = thin(len(hit_x), 400)
+    panel.dots(hit_x[few], hit_y[few], "P", "hits the Earth", color=VERMILION, size=3.0)
+    panel.unclip()
+    panel.close()
+    entries: list[tuple[str, str, dict[str, Any]]] = [
+        ("o", name, {"color": color, "size": size}) for _, name, color, size in parts
+    ]
+    if hit.any():
+        entries.append(("P", "drawn orbit that hits", {"color": VERMILION, "size": 3.0}))
+    entries.append(("line", "bound", {"stroke": GREY, "stroke_width": 1.0, "stroke_dasharray": "6 4"}))
+    chart.height = chart.legend(entries, 292.0) + 4.0
+    caption = Markup("Nodes of the grid by the part of the posterior that is denser; prior uniform in range and rate.")
+    columns = {"range_au": x, "rate_km_s": y, "weight": arrays["node_weight_uniform"], "denser": level}
+    return chart.plate("Range and range rate", caption, [csv("grid", columns)])
+
+
+def _chances(summary: Item) -> Table:
+    """Probabilities by prior."""
+    rows = tuple((PRIORS[prior][0], _chance(row), str(row["hits"])) for prior, row in summary["by_prior"].items())
+    return Table(
+        caption=Markup("Probability of impact by prior, with its 95 % interval."),
+        head=("prior", "probability", "drawn hits"), rows=rows, align="lrr",
+    )  # fmt: skip
+
+
+def _quantities(quantities: Item) -> Table:
+    """Medians and ends of 68 and 95 %."""
+    rows = tuple(
+        (label, *(number(quantities[key][name], 4) for name in ("q025", "q16", "median", "q84", "q975")))
+        for key, label in QUANTITIES.items() if key in quantities
+    )  # fmt: skip
+    head = ("", "2.5 %", "16 %", "median", "84 %", "97.5 %")
+    return Table(caption=Markup("Of the drawn orbits, elements about the Sun."), head=head, rows=rows, align="lrrrrr")
+
+
+def _scores(scores: Item) -> Table:
+    rows = tuple((name.replace("_", " "), number(value, 2)) for name, value in scores.items())
+    return Table(caption=Markup("Shares of the posterior."), head=("class", "score"), rows=rows, align="lr")
+
+
+def _field(row: Item, psi: Array, k: int) -> Plate:
+    """The sky of one telescope at one time."""
+    centre = row["ra_deg"]
+    points = np.degrees(psi)
+    ra = centre + (points[:, 0] - centre + 180.0) % 360.0 - 180.0
+    edges = {
+        share: [np.stack([centre + (np.array(edge)[:, 0] - centre + 180.0) % 360.0 - 180.0, np.array(edge)[:, 1]], 1)
+                for edge in lines]
+        for share, lines in row["contours_deg"].items()
+    }  # fmt: skip
+    every = [np.stack([ra, points[:, 1]], axis=1), *(edge for lines in edges.values() for edge in lines)]
+    both = np.concatenate(every)
+    chart = Chart(f"field-{k}", height=290.0)
+    panel = chart.panel(linear(both[:, 0], "RA, deg").reversed(), linear(both[:, 1], "Dec, deg"), top=8.0, bottom=215.0)
+    panel.open()
+    panel.dots(ra, points[:, 1], "o", "drawn orbit", color=GREY, size=1.4)
+    for share, color in (("95", SKY), ("68", BLUE)):
+        for edge in edges.get(share, []):
+            panel.line(edge[:, 0], edge[:, 1], f"{share} %", stroke=color, stroke_width=1.6)
+    panel.close()
+    entries: list[tuple[str, str, dict[str, Any]]] = [
+        ("line", "68 %", {"stroke": BLUE, "stroke_width": 1.6}), ("line", "95 %", {"stroke": SKY, "stroke_width": 1.6}),
+        ("o", "drawn orbit", {"color": GREY, "size": 1.4}),
+    ]  # fmt: skip
+    chart.height = chart.legend(entries, 257.0) + 4.0
+    caption = Markup("{} from {}{}").format(
+        moment(row["epoch_utc"]), row["telescope"], "" if row["V"] is None else f", V about {row['V']:.1f}"
+    )
+    return chart.plate(
+        f"The sky at {row['epoch_utc'][:16]}", caption, [csv(f"field-{k}", {"ra_deg": ra, "dec_deg": points[:, 1]})]
+    )
+
+
+def _fields(rows: Sequence[Item]) -> Table | None:
+    """Where to look, as a table."""
+    if not rows:
+        return None
+    body = tuple(
+        (
+            row["epoch_utc"][:16].replace("T", " "), row["telescope"], f"{row['ra_deg']:.4f}", f"{row['dec_deg']:.4f}",
+            f"{number(row['semi_major_arcsec'])} × {number(row['semi_minor_arcsec'])}",
+            "–" if row["V"] is None else f"{row['V']:.1f}",
+        )
+        for row in rows
+    )  # fmt: skip
+    head = ("UTC", "from", "RA, deg", "Dec, deg", "spread, 1σ, arcsec", "V")
+    return Table(caption=Markup("Mean place of the drawn orbits, ICRF."), head=head, rows=body, align="llrrrr")
+
+
+def _corridor(summary: Item, arrays: Arrays) -> list[Plate]:
+    """Maps of the points of fall."""
+    if summary["impact"] is None:
+        return []
+    edges = [np.array(edge) for share in ("68", "95") for edge in summary["impact"]["contours_deg"][share]]
+    one = Corridor(
+        name="on the ground", points=arrays["fall_place_deg"], outlines=edges, outlines_name="68 and 95 % of them"
+    )
+    return maps(
+        "fall", [one], "Where it may fall", Markup("Drawn orbits that hit the Earth, where they reach the ground.")
+    )
+
+
+def _history(rows: Sequence[Item]) -> Plate:
+    """Probabilities after each observation."""
+    start = Epoch.parse(rows[0]["epoch_utc"])
+    t = np.array([Epoch.parse(row["epoch_utc"]) - start for row in rows]) / 3600.0
+    chart = Chart("history", height=300.0)
+    panel = chart.panel(
+        linear(t, "h after the first of these"), linear([0.0, 1.0], "probability of impact"), top=8.0, bottom=225.0
+    )
+    panel.open()
+    columns: dict[str, Any] = {
+        "epoch_utc": [row["epoch_utc"] for row in rows],
+        "observations": [row["n_observations"] for row in rows],
+    }
+    for prior, (name, color, marker) in PRIORS.items():
+        known = [k for k, row in enumerate(rows) if prior in row["chances"]]
+        p = np.array([rows[k]["chances"][prior]["probability"] or 0.0 for k in known])
+        panel.line(t[known], p, name, stroke=color, stroke_width=1.4)
+        panel.dots(t[known], p, marker, name, color=color, size=3.0)
+        columns[prior] = [row["chances"][prior]["probability"] if prior in row["chances"] else None for row in rows]
+    panel.close()
+    entries: list[tuple[str, str, dict[str, Any]]] = [
+        (marker, name, {"color": color, "size": 3.0}) for name, color, marker in PRIORS.values()
+    ]
+    chart.height = chart.legend(entries, 267.0) + 4.0
+    caption = Markup("Probability of impact after each observation, by prior.")
+    return chart.plate("Probability of impact by time", caption, [csv("history", columns)])
+
+
+def _decisions(rows: Sequence[Item]) -> Table | None:
+    """What one more observation would do."""
+    if not rows:
+        return None
+    body = tuple(
+        (
+            row["epoch_utc"][:16].replace("T", " "), row["telescope"], number(row["settles"], 2),
+            *(number(row["quantiles"][name], 2) for name in ("q16", "median", "q84")),
+        )
+        for row in rows
+    )  # fmt: skip
+    head = ("UTC", "from", "chance to settle it", "P then, 16 %", "median", "84 %")
+    told = "Probability after one more observation of truths drawn from the posterior. "
+    told += "Settled: below a tenth of what it is now, or above the middle between that and 1."
+    return Table(caption=Markup(told), head=head, rows=body, align="llrrrr")

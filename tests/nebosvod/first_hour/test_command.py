@@ -1,0 +1,145 @@
+"""`nebosvod alert`: the answer on the terminal and in folders, and what it says where there is none."""
+
+import json
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import numpy as np
+import pytest
+
+from nebosvod.cli import main
+from nebosvod.results.folder import SCHEMAS
+
+# the first records of 2018 LA, which fell on Botswana the same day; MPC
+LA = """\
+     K18L00A tC2018 06 02.34329516 11 10.342-11 19 34.92               V~2i5UG96
+     K18L00A tC2018 06 02.34850816 10 59.352-11 20 21.37         18.2 GV~2i5UG96
+     K18L00A tC2018 06 02.35372316 10 48.154-11 21 08.95         18.3 GV~2i5UG96
+     K18L00A tC2018 06 02.35894416 10 36.604-11 21 57.30         18.0 GV~2i5UG96
+"""
+FELL = (23.3, -21.2)  # deg, US government sensors
+
+
+@pytest.fixture(scope="module")
+def answer(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of the first four observations."""
+    folder = tmp_path_factory.mktemp("la")
+    (folder / "la.obs80").write_text(LA)
+    assert main(["alert", str(folder / "la.obs80"), "-o", str(folder / "out"), "--hours", "1,3"]) == 0
+    return folder / "out"
+
+
+def summary_of(folder: Path) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads((folder / "summary.json").read_text("utf-8"))
+    return found
+
+
+def test_four_observations_of_an_impactor_give_a_probability_and_its_corridor(answer: Path) -> None:
+    found = summary_of(answer)
+    assert found["status"] == "answered"
+    assert found["orbit_status"] == "not_observable"
+    assert 0.1 < found["probability"] < 0.35  # an independent light ranging
+    assert found["low"] < found["probability"] < found["high"]
+    assert found["grid"]["effective"]["uniform"] >= 30.0
+    assert any(inside(edge, FELL) for edge in found["impact"]["contours_deg"]["95"])
+    # SBDB's orbit from all observations: a = 1.38 au, e = 0.432, i = 4.3 deg, within what four leave open
+    for name, truth in (("a_au", 1.38), ("e", 0.432), ("i_deg", 4.3), ("H", 30.5)):
+        assert found["quantities"][name]["q025"] < truth < found["quantities"][name]["q975"]
+
+
+def inside(edge: list[list[float]], point: tuple[float, float]) -> bool:
+    """Whether a point lies inside of a closed line, by the crossings of a ray."""
+    x, y = point
+    crossed = False
+    for (x0, y0), (x1, y1) in pairwise(edge):
+        if (y0 > y) != (y1 > y) and x < x0 + (y - y0) / (y1 - y0) * (x1 - x0):
+            crossed = not crossed
+    return crossed
+
+
+def test_the_folder_has_the_shape_of_its_schema_and_its_page_can_be_made_again(answer: Path) -> None:
+    schema = json.loads(SCHEMAS["alert"].read_text("utf-8"))
+    jsonschema.Draft202012Validator.check_schema(schema)
+    jsonschema.validate(summary_of(answer), schema)
+    page = (answer / "report.html").read_bytes()
+    assert main(["report", str(answer)]) == 0
+    assert (answer / "report.html").read_bytes() == page
+    assert b"Probability to hit the Earth within 100 days" in page
+    with np.load(answer / "arrays.npz") as arrays:
+        assert arrays["node_weight_uniform"].sum() == pytest.approx(1.0)
+        hits = arrays["draw_weight_uniform"][arrays["draw_body"] == "earth"].sum()
+    assert hits == pytest.approx(summary_of(answer)["probability"], rel=1e-9)
+
+
+def test_the_sky_of_the_next_hours_holds_where_the_object_was_seen(answer: Path) -> None:
+    """An hour later, by interpolation of the records of I52 and G96 at 09:33 to 09:40 UTC: 16h 08m 56s, -11 28.9."""
+    field = summary_of(answer)["fields"][0]
+    ra, dec = field["ra_deg"], field["dec_deg"]
+    assert abs(ra - 242.234) < 5.0 * field["semi_major_arcsec"] / 3600.0
+    assert abs(dec + 11.4815) < 5.0 * field["semi_major_arcsec"] / 3600.0
+    assert field["contours_deg"]["95"]
+
+
+@pytest.mark.parametrize(
+    ("lines", "words"),
+    [
+        ([0], "one observation: a direction is known and no motion"),
+        ([0, 0], "no motion"),
+    ],
+)
+def test_one_time_of_observation_is_no_answer(
+    lines: list[int], words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rows = LA.splitlines()
+    text = "\n".join(rows[k] for k in lines)
+    if len(lines) > 1:  # the same time by another station
+        text = f"{rows[0]}\n{rows[0][:-3]}V06"
+    (tmp_path / "one.obs80").write_text(text + "\n")
+    assert main(["alert", str(tmp_path / "one.obs80")]) == 1
+    assert words in capsys.readouterr().err
+
+
+def test_two_observations_tell_of_the_prior_alone_and_it_is_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "two.obs80").write_text("\n".join(LA.splitlines()[:2]) + "\n")
+    assert main(["alert", str(tmp_path / "two.obs80"), "--json"]) == 0
+    out = capsys.readouterr().out
+    found = json.loads(out)
+    assert any("two observations tell a direction and a motion" in text for text in found["warnings"])
+    assert set(found["by_prior"]) == {"uniform", "cartesian"}
+    assert found["orbit_status"] == "not_observable"
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--within", "100"], "--within: needs a duration with a unit"),
+        (["--within", "-1 d"], "--within:"),
+        (["--smallest", "2 kg"], "--smallest:"),
+        (["--hours", "1,x"], "--hours: needs numbers"),
+        (["--hours", "-1"], "--hours:"),
+        (["--seed", "-1"], "--seed: -1"),
+        (["--from-site", "ZZZ"], "an observer is"),
+        (["--split", "--history"], "--split:"),
+        (["--to", "2018-06-02T08:00"], "--to:"),
+    ],
+)
+def test_wrong_options_are_named(
+    options: list[str], words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "la.obs80").write_text(LA)
+    assert main(["alert", str(tmp_path / "la.obs80"), *options]) == 2
+    assert words in capsys.readouterr().err
+
+
+def test_a_station_without_a_place_and_no_file_are_wrong_input(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "space.obs80").write_text(LA.replace("G96", "C51").replace("tC2018", " C2018"))
+    assert main(["alert", str(tmp_path / "space.obs80")]) == 2
+    assert "C51" in capsys.readouterr().err
+    assert main(["alert"]) == 2
+    assert main(["alert", str(tmp_path / "none.obs80")]) == 2
