@@ -26,12 +26,13 @@ Coordinates = Literal["cartesian", "equinoctial"]
 @click.option("--diameter", help="Of the object, such as 490 m; from H with albedo 0.154 by default.")
 @click.option("--density", type=float, help="kg/m3; 2600 by default.")
 @click.option("--seed", default=1, show_default=True, help="Of the random draws.")
+@click.option("--history", is_flag=True, help="Also how it came: of the folder of a fit, after each of its nights.")
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="Also write a folder: JSON, draws, a page.")
 @click.option("--overwrite", is_flag=True, help="Replace an earlier answer in the same folder.")
 @click.option("--json", "as_json", is_flag=True, help="Print it as JSON, and nothing else, on stdout.")
 def risk(
     orbit: str, until: str, bodies: str, on: str | None, draws: int, coordinates: Coordinates, diameter: str | None,
-    density: float | None, seed: int, output: Path | None, overwrite: bool, as_json: bool,
+    density: float | None, seed: int, history: bool, output: Path | None, overwrite: bool, as_json: bool,
 ) -> int:  # fmt: skip
     """How probable it is that ORBIT hits, by several ways, for each virtual impactor.
 
@@ -40,11 +41,13 @@ def risk(
 
     \b
     Example:  nebosvod risk 2024YR4.ke0 --until 2033-01-01 -o yr4-risk
+    Example:  nebosvod risk 2027AB-fit --until 2040-01-01 --history
     """
     import time
 
     from nebosvod.commands.progress import stages
     from nebosvod.commands.risk_answer import asked_bodies, asked_date, asked_size, print_risk
+    from nebosvod.commands.risk_history import NIGHTLY, records_of, told
     from nebosvod.dynamics import Ephemeris
     from nebosvod.impacts.risk import risk as search
     from nebosvod.results.result import json_text
@@ -58,6 +61,7 @@ def risk(
         raise InputError(f"--draws: {draws} (allowed: 1 to 10000000)")
     if seed < 0:
         raise InputError(f"--seed: {seed} (allowed: 0 or more)")
+    recorded = records_of(orbit) if history else None
     given, ephemeris = read_orbit(orbit), Ephemeris.load()
     size = asked_size(given.magnitude, diameter, density)
     with stages() as progress:
@@ -66,6 +70,8 @@ def risk(
             say=progress,
         )  # fmt: skip
         summary = summarise(found, targets, seed, size)
+        if recorded is not None:
+            summary |= told(recorded, found, summary, ephemeris, min(draws, NIGHTLY), seed, progress)
         if output is not None:
             from nebosvod.report.pages import report_text
             from nebosvod.results.result import OwnedFolder

@@ -7,6 +7,7 @@ from typing import Any
 import click
 
 from nebosvod.commands.approaches_answer import lasting
+from nebosvod.commands.risk_history import print_history
 from nebosvod.dynamics.ephemeris import PLANETS
 from nebosvod.errors import InputError
 from nebosvod.impacts.scales import Size
@@ -98,6 +99,8 @@ def print_risk(summary: Row, folder: Path | None) -> None:
         )
     if summary["palermo_cumulative"] is not None and len(summary["virtual_impactors"]) > 1:
         click.echo(f"\nPalermo scale of all together {summary['palermo_cumulative']:.2f}")
+    if summary["history"]:
+        print_history(summary["history"])
     if folder is not None:
         click.echo(f"report: {folder / 'report.html'}")
 
