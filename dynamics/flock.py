@@ -7,12 +7,13 @@ them. So a cloud flies through an encounter that tears it apart, and each member
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from nebosvod.dynamics import integrator
+from nebosvod.dynamics.constants import DAY_S
 from nebosvod.dynamics.dense import StepTable, step_of, step_weights
 from nebosvod.dynamics.model import ForceModel
 from nebosvod.dynamics.passages import Records, Seen, descents, gates, nearest
@@ -31,6 +32,8 @@ AT_ONCE = 256  # orbits whose memory stays in the cache
 LARGEST = 2048  # of a flock that has left another
 GATE_RADII = 10.0  # where an encounter is described by its osculating hyperbola
 LOW, STOP = 1.03, 0.99  # of the radius: steps lower than the first are searched; below the second nobody flies on
+MOST_STEPS = 20_000  # of one flock, some centuries
+FARTHER, SHORTEST_S = 4.0, 20.0 * DAY_S  # a flock's horizon: so many times how long the last one served
 BELOW_S = 4.0  # a leader that hits is followed so far below the surface
 ROOM = 16  # records for each orbit, at first
 
@@ -61,12 +64,16 @@ class Flight:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Flock:
-    """Members (k,) by number, their heliocentric states (k, 6) at one time and their last distances (k, 2 b)."""
+    """Members (k,) by number, their heliocentric states (k, 6) at one time and their last distances (k, 2 b).
+
+    `horizon_s` is how far their leader is flown at first: far beyond where they are expected to part it is in vain.
+    """
 
     members: Integers
     t_s: float
     states: Array
     last2: Array
+    horizon_s: float = np.inf
 
 
 @dataclass(slots=True, kw_only=True, eq=False)
@@ -124,6 +131,8 @@ class Flyer:
     def _fly(self, flock: Flock) -> list[Flock]:
         """Fly one flock as far as its leader's steps serve; who has to go on is in the flocks returned."""
         epoch, end = self.epoch + flock.t_s, self.end_s - flock.t_s
+        if len(flock.members) > 1:
+            end = float(np.copysign(min(abs(end), flock.horizon_s), end))
         leader = _middle_one(flock.states)
         try:
             led = self._led(flock, leader, epoch, end)
@@ -149,7 +158,7 @@ class Flyer:
         if len(flock.members) == 1:  # the leader alone: the bytes of its own flight
             within = np.flatnonzero((self.times >= flock.t_s) & (self.times - flock.t_s <= led.span_s[1]))
             self.flight.state[flock.members[0], within] = led.state_at(self.times[within] - flock.t_s)
-        return self._looked_at(flock, led, parts, end)
+        return self._looked_at(flock, led, parts)
 
     def _led(self, flock: Flock, leader: int, epoch: Epoch, end: float) -> Trajectory:
         """The orbit of the leader, to the end or to just below the surface that it hits."""
@@ -159,14 +168,16 @@ class Flyer:
             own = own.with_values(dict(zip(own.parameters, row.tolist())))
         start = flock.states[leader]
         try:
-            return propagate(start, epoch, [end], own, False, tolerance=self.tolerance, margin_s=0.0)
+            return propagate(
+                start, epoch, [end], own, False, tolerance=self.tolerance, margin_s=0.0, most_steps=MOST_STEPS
+            )
         except ImpactError as hit:
             if hit.t_s == 0.0:
                 raise
             to = np.copysign(min(abs(hit.t_s) + BELOW_S, abs(end)), end)
         return propagate(start, epoch, [to], own, False, tolerance=self.tolerance, margin_s=0.0, solid=False)
 
-    def _looked_at(self, flock: Flock, led: Trajectory, parts: list[Watch], end: float) -> list[Flock]:
+    def _looked_at(self, flock: Flock, led: Trajectory, parts: list[Watch]) -> list[Flock]:
         """Look at what was seen of a flock, and tell who has to go on."""
         forces, epoch = led.forces, led.epoch
         rows = np.concatenate([one.records[: one.written[0]] for one in parts])
@@ -178,7 +189,7 @@ class Flyer:
         down = np.zeros(len(flock.members), dtype=np.bool_)
         down[impact.orbit] = True
         left, last2 = (np.concatenate([getattr(one, name) for one in parts]) for name in ("left", "last2"))
-        on = np.flatnonzero(~down & (np.abs(end - left[:, 1]) > 1e-6))
+        on = np.flatnonzero(~down & (np.abs(self.end_s - flock.t_s - left[:, 1]) > 1e-6))
         t = left[on, 1]
         sun = forces.ephemeris.state_km_km_s("sun", epoch, t) if on.size else np.empty((0, 6))
         found = []
@@ -188,7 +199,7 @@ class Flyer:
             found += _cut(
                 Flock(
                     members=flock.members[who], t_s=flock.t_s + float(when), states=left[who, 2:] - sun[now],
-                    last2=last2[who],
+                    last2=last2[who], horizon_s=FARTHER * max(abs(float(when)), SHORTEST_S),
                 )
             )  # fmt: skip
         return found
@@ -244,8 +255,8 @@ def _places(table: StepTable, t_s: Array) -> tuple[Integers, Array]:
     return step, weights
 
 
-def _some(flock: Flock, which: npt.NDArray[np.bool_] | slice) -> Flock:
-    return Flock(members=flock.members[which], t_s=flock.t_s, states=flock.states[which], last2=flock.last2[which])
+def _some(flock: Flock, which: npt.NDArray[np.bool_] | Integers | slice) -> Flock:
+    return replace(flock, members=flock.members[which], states=flock.states[which], last2=flock.last2[which])
 
 
 def _cut(flock: Flock) -> list[Flock]:
@@ -253,10 +264,7 @@ def _cut(flock: Flock) -> list[Flock]:
     count = len(flock.members)
     pieces = max(2, -(-count // LARGEST)) if count > 8 else 1
     order = np.argsort(_along(flock.states), kind="stable")
-    return [
-        Flock(members=flock.members[some], t_s=flock.t_s, states=flock.states[some], last2=flock.last2[some])
-        for some in np.array_split(order, pieces)
-    ]
+    return [_some(flock, some) for some in np.array_split(order, pieces)]
 
 
 def _along(states: Array) -> Array:

@@ -26,6 +26,7 @@ ENDS, POINTS = 5.0, 401
 ROUNDS, FINE = 4, 9
 NODES = 121
 REACH = 6.0  # sigmas across the string
+MOST_MINIMA = 16  # of one string, the nearest of them
 DEEP = 40.0  # capture radii: a string that comes no nearer is not looked at
 
 
@@ -89,7 +90,9 @@ def line_of_variations(course: Course, nominal: Trajectory, about_s: float) -> L
     direction = weak_direction(course, nominal, about_s)
     sigmas = np.linspace(-ENDS, ENDS, POINTS)
     cloud = course.fly(_strung(course, direction, sigmas))
-    minima = [one for passage in cloud.passages for one in _refined(course, direction, sigmas, passage)]
+    coarse = sorted((one for passage in cloud.passages for one in _lowest(sigmas, passage)), key=lambda one: one[0])
+    fine = [_refined(course, direction, *one) for one in coarse[:MOST_MINIMA]]
+    minima = [one for one in fine if one.distance_km <= DEEP * one.capture_radius_km]
     return Line(course=course, direction=direction, sigmas=sigmas, cloud=cloud, minima=tuple(minima))
 
 
@@ -108,37 +111,36 @@ def _strung(course: Course, direction: Array, sigmas: Array) -> Array:
     return deviations
 
 
-def _refined(course: Course, direction: Array, sigmas: Array, passage: Passage) -> list[Minimum]:
-    """The points of the string nearest to the body at one encounter."""
+def _lowest(sigmas: Array, passage: Passage) -> list[tuple[float, float, float, Passage]]:
+    """Points of the string nearer than their neighbours at one encounter: distance, sigma, spacing."""
     distance = np.linalg.norm(passage.xi_zeta_km, axis=1)
     held = np.where(np.isfinite(distance), distance, np.inf)
     before, after = np.concatenate([[np.inf], held[:-1]]), np.concatenate([held[1:], [np.inf]])
-    spacing = sigmas[1] - sigmas[0]
     found = []
     for k in np.flatnonzero(np.isfinite(held) & (held <= before) & (held < after)):
         slope = min(abs(held[k] - one) for one in (before[k], after[k]))
-        if held[k] - (slope if np.isfinite(slope) else held[k]) > DEEP * passage.capture_radius_km:
-            continue
-        middle, half, lowest = float(sigmas[k]), float(spacing), float(held[k])
-        last = min(passage.epoch + GAP_S, course.last)
-        for _ in range(ROUNDS):
-            near = middle + half * np.linspace(-1.0, 1.0, FINE)
-            fine = _passage(course.fly(_strung(course, direction, near), None, last), passage.body, passage.epoch)
-            if fine is None:
-                break
-            reach = np.linalg.norm(fine.xi_zeta_km, axis=1)
-            if not np.isfinite(reach).any():
-                break
-            best = int(np.nanargmin(reach))
-            middle, half, lowest = float(near[best]), half / 4.0, float(reach[best])
-        if lowest <= DEEP * passage.capture_radius_km:
-            found.append(
-                Minimum(
-                    body=passage.body, epoch=passage.epoch, sigma=middle, distance_km=lowest,
-                    capture_radius_km=passage.capture_radius_km,
-                )
-            )  # fmt: skip
+        if held[k] - (slope if np.isfinite(slope) else held[k]) <= DEEP * passage.capture_radius_km:
+            found.append((float(held[k]), float(sigmas[k]), float(sigmas[1] - sigmas[0]), passage))
     return found
+
+
+def _refined(course: Course, direction: Array, lowest: float, middle: float, half: float, passage: Passage) -> Minimum:
+    """The point of the string nearest to the body, by finer and finer strings."""
+    last = min(passage.epoch + GAP_S, course.last)
+    for _ in range(ROUNDS):
+        near = middle + half * np.linspace(-1.0, 1.0, FINE)
+        fine = _passage(course.fly(_strung(course, direction, near), None, last), passage.body, passage.epoch)
+        if fine is None:
+            break
+        reach = np.linalg.norm(fine.xi_zeta_km, axis=1)
+        if not np.isfinite(reach).any():
+            break
+        best = int(np.nanargmin(reach))
+        middle, half, lowest = float(near[best]), half / 4.0, float(reach[best])
+    return Minimum(
+        body=passage.body, epoch=passage.epoch, sigma=middle, distance_km=lowest,
+        capture_radius_km=passage.capture_radius_km,
+    )  # fmt: skip
 
 
 def _passage(cloud: Cloud, body: str, near: Epoch) -> Passage | None:

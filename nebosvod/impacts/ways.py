@@ -85,7 +85,7 @@ def by_importance(cloud: Cloud, passage: Passage) -> Way:
     value, low, high = of_weights(cloud.weights, passage.hits)
     hits, number = int(np.count_nonzero(passage.hits)), effective(cloud.weights[passage.hits])
     return Way(
-        name="importance_sampling", probability=value, low=low, high=high, draws=len(cloud), hits=hits,
+        name="importance_sampling", probability=min(value, 1.0), low=low, high=high, draws=len(cloud), hits=hits,
         effective=number, note="" if number >= FEW else f"only {number:.0f} effective hits",
     )  # fmt: skip
 
@@ -101,9 +101,10 @@ def recommended(ways: Sequence[Way]) -> tuple[str, str]:
     """
     by_name = {way.name: way for way in ways}
     plain, weighed = by_name["sampling"], by_name.get("importance_sampling")
-    if plain.hits >= ENOUGH or weighed is None or weighed.effective < FEW:
+    sharp = weighed is not None and _relative(plain) < 1.5 * _relative(weighed)
+    if plain.hits >= ENOUGH or weighed is None or weighed.effective < FEW or sharp:
         best, why = plain, f"{plain.hits} of {plain.draws} drawn orbits hit, and it assumes nothing but the covariance"
-        if plain.hits < FEW:
+        if plain.hits < FEW and plain.hits < plain.draws:
             why += "; they are few, draw more"
     else:
         best = weighed
@@ -118,6 +119,11 @@ def recommended(ways: Sequence[Way]) -> tuple[str, str]:
         f"{WORDS[way.name]} {_judged(way, best)}" for way in ways if way is not best and way.probability is not None
     ]
     return best.name, "; ".join([why, *said])
+
+
+def _relative(way: Way) -> float:
+    """Width of the interval over the probability."""
+    return (way.high - way.low) / way.probability if way.probability else np.inf
 
 
 def _overlap(one: Way, other: Way) -> bool:
