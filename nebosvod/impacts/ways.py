@@ -145,3 +145,8 @@ def _judged(way: Way, best: Way) -> str:
     value, margin = way.probability or 0.0, 0.05 * (best.probability or 0.0)
     low, high = _wide(best)
     return "agrees" if low - margin <= value <= high + margin else "disagrees"
+
+
+def agree(way: Way, best: Way) -> bool:
+    """Whether a way and the recommended one can both be right."""
+    return _judged(way, best) == "agrees"

@@ -21,7 +21,7 @@ from nebosvod.report.kit.wording import count
 
 Array = npt.NDArray[np.float64]
 Box = tuple[float, float, float, float]  # low and high of x, low and high of y, km
-WIDTH, LEFT, SIDE, TALLEST = 358.0, 62.0, 283.0, 380.0  # px; 10.5 px texts read at 10 px or more on a phone of 390
+WIDTH, LEFT, RIGHT, TALLEST = 358.0, 62.0, 13.0, 380.0  # px; 10.5 px texts read at 10 px or more on a phone of 390
 FAR = 6.0  # an ellipse (3 sigma) so many times larger or smaller than the disc needs a second figure
 DISC, RING = "#cfd8e3", "#4a5a6a"
 LEVELS = (1.0, 3.0)
@@ -140,14 +140,14 @@ def _plate(
 ) -> Plate:
     """One picture of the plane, one scale for both axes."""
     width, height = box[1] - box[0], box[3] - box[2]
-    scale = min(SIDE / width, TALLEST / height)
-    wide, tall = scale * width, scale * height
-    # the unit of the axes
     factor, unit = (1e-3, "10³ km") if width > 3e5 else (1.0, "km") if width > 3.0 else (1e3, "m")
-    chart = Chart(key, width=WIDTH, height=tall + 90.0)
-    x = _roomy(linear([factor * box[0], factor * box[1]], f"{view.names[0]}, {unit}", pad=0.0, most=4), wide)
     y = linear([factor * box[2], factor * box[3]], f"{view.names[1]}, {unit}", pad=0.0)
-    panel = chart.panel(x, y, top=8.0, bottom=8.0 + tall, left=LEFT, right=LEFT + wide)
+    left = max(LEFT, 23.0 + CHARACTER * y.width)
+    scale = min((WIDTH - RIGHT - left) / width, TALLEST / height)
+    wide, tall = scale * width, scale * height
+    x = linear([factor * box[0], factor * box[1]], f"{view.names[0]}, {unit}", pad=0.0, most=4)
+    chart = Chart(key, width=WIDTH, height=tall + 90.0)
+    panel = chart.panel(_roomy(x, left, wide), y, top=8.0, bottom=8.0 + tall, left=left, right=left + wide)
     panel.open()
     panel.clip()
     shown = _body(panel, view, factor, box)
@@ -165,9 +165,9 @@ def _plate(
 Entry = tuple[str, str, dict[str, Any]]
 
 
-def _roomy(x: Scale, wide: float) -> Scale:
+def _roomy(x: Scale, left: float, wide: float) -> Scale:
     """An axis without the ticks whose texts would be cut at the edge of the figure."""
-    room = (WIDTH - LEFT - 1.0) / wide
+    room = (WIDTH - left - 1.0) / wide
     kept = [(v, text) for v, text in x.ticks if float(x.part(np.array(v))) + 0.5 * CHARACTER * len(text) / wide <= room]
     return replace(x, ticks=tuple(kept))
 

@@ -27,6 +27,7 @@ WIDTH, LEFT, RIGHT = 358.0, 53.0, 21.0  # px; 10.5 px texts read at 10 px or mor
 LAND, SHORE = "#a8a290", "#8b8675"
 EDGE_DEG = 20.0  # nearer than this to the edge of the sheet, what is shown moves to its middle
 SMALL_DEG = 40.0  # what is smaller than this on the map of the world is shown enlarged as well
+SMALLEST_KM = 0.1  # half of the smallest map
 COARSE_DEG = 1.0  # a map narrower than this shows no shores: they are not known so well
 KM_PER_DEG = math.radians(1.0) * EARTH_RADIUS_KM
 
@@ -97,7 +98,7 @@ def _neighbourhood(x: Array, y: Array) -> Window:
     """A window about places, as wide as high in kilometres or wider."""
     cx, cy = 0.5 * float(x.min() + x.max()), 0.5 * float(y.min() + y.max())
     shrink = max(math.cos(math.radians(cy)), 0.05)
-    half = 0.6 * max(float(np.ptp(x)) * shrink, float(np.ptp(y)), 10.0 / KM_PER_DEG)
+    half = 0.6 * max(float(np.ptp(x)) * shrink, float(np.ptp(y)), SMALLEST_KM / KM_PER_DEG)
     tall = max(0.6 * float(np.ptp(y)), 0.55 * half)
     tall = min(tall, 90.0 - abs(cy) if abs(cy) < 60.0 else tall)
     return cx - half / shrink, max(cy - tall, -90.0), cx + half / shrink, min(cy + tall, 90.0)

@@ -18,8 +18,8 @@ from nebosvod.report.kit.scale import calendar, linear, logarithmic, named
 from nebosvod.report.kit.target import TargetView, target_plates
 from nebosvod.report.kit.wording import count, number, percent, quantity
 from nebosvod.report.kit.worldmap import Corridor, maps
-from nebosvod.report.risk.draws import Arrays, draws_of
-from nebosvod.report.risk.words import body_name, chance, impactor_name, way_name
+from nebosvod.report.risk.draws import Arrays, draws_of, is_weighed
+from nebosvod.report.risk.words import body_name, chance, impactor_name, unanswered, way_name
 from nebosvod.timescale import SECONDS_PER_DAY, Epoch
 
 Array = npt.NDArray[np.float64]
@@ -52,6 +52,10 @@ def plane_plates(row: Item, arrays: Arrays) -> list[Plate]:
         fates = np.where(np.asarray(draws["grazes"], dtype=np.bool_)[chosen] & (fates == "miss"), "graze", fates)
     centre, K = (None, None) if one is None else _ellipse(one)
     line = arrays.get(f"line_xi_zeta_km_{k}")
+    if centre is not None and line is not None and len(line) == len(arrays.get("line_sigmas", ())):
+        # an approach takes the asymptote elsewhere on the path than the draws do: a km apart in one that falls
+        estimate = line[np.argmin(np.abs(arrays["line_sigmas"]))]
+        centre = estimate if np.isfinite(estimate).all() else centre
     view = TargetView(
         body=row["body"], radius_km=SURFACE_KM[row["body"]], capture_km=float(arrays[f"capture_radius_km_{k}"]),
         centre=centre, covariance=K, points=points[chosen], fates=fates,
@@ -64,7 +68,7 @@ def plane_plates(row: Item, arrays: Arrays) -> list[Plate]:
         body_name(row["body"]), quantity(view.radius_km, "km", 4), quantity(view.capture_km, "km", 4),
         count(len(chosen), "drawn orbit"),
     )  # fmt: skip
-    if f"weighed_{k}_weights" in arrays:
+    if is_weighed(k, arrays):
         caption += Markup(" They were drawn about the orbits that hit: denser there than the orbit itself may be.")
     if one is not None and K is not None:
         caption += Markup(" The linear ellipse is {} × {} (1σ).").format(
@@ -122,7 +126,7 @@ def _corridor(row: Item, points: Array, color: str, marker: str, *, alone: bool)
 
 def ways_plate(row: Item) -> Plate:
     """Every way with its interval, the recommended one heavier."""
-    ways = row["ways"]
+    ways = [way for way in row["ways"] if not unanswered(way)]
     values = [v for way in ways for v in (way["probability"], way["low"] or None, way["high"]) if v]
     wide = bool(values) and max(values) > WIDE * min(values)
     factor = 1.0 if wide else 100.0
@@ -141,7 +145,7 @@ def ways_plate(row: Item) -> Plate:
             panel.dots([factor * way["high"]], [y], "|", way_name(way["way"]), color=color)
         else:
             name = f"{way_name(way['way'])}{', recommended' if best else ''}"
-            panel.dots([factor * way["probability"]], [y], "o", name, color=color, size=5.0)
+            panel.dots([max(factor * way["probability"], x.low)], [y], "o", name, color=color, size=5.0)
     panel.close()
     keys = ("way", "probability", "low", "high", "draws", "hits", "effective_hits")
     caption = Markup("The probability by each way with its 95 % interval; <b>{}</b> is the one to go by: {}.").format(

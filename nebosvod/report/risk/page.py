@@ -14,13 +14,14 @@ from nebosvod.report.risk.draws import Arrays
 from nebosvod.report.risk.words import (
     Item,
     agreement,
-    agreement_words,
     blame_words,
     body_name,
     chance,
+    halved_words,
     headline,
     impactor_name,
     leading,
+    way_name,
 )
 from nebosvod.report.run.tables import Cell, Table
 
@@ -102,14 +103,13 @@ def _answers(summary: Item, first: list[Item]) -> list[tuple[str, list[Cell]]]:
         told = f"None of {count(drawn['draws'], 'drawn orbit')} hits; they cannot see a probability below the bound."
         return [*said, ("What that means", [told])]
     row = first[0]
-    _, apart = agreement(row)
-    told_ways: list[Cell] = [Markup("{}.").format(_upper(agreement_words(row)))]
-    if apart:
-        told_ways.append("The region is too large, or too bent, for that way: go by the recommended one.")
-    said.append(("Can it be believed", [*told_ways, Markup("{}.").format(_upper(row["reason"]))]))
+    told_ways: list[Cell] = [Markup("Go by {}: {}.").format(way_name(row["recommended"]), row["reason"])]
+    if any(way["draws"] == 0 for way in agreement(row)[1]):
+        told_ways.append("What disagrees without drawing takes the region for straighter or smaller than it is.")
+    said.append(("Can it be believed", told_ways))
     blame = blame_words(row)
     if blame is not None:
-        said.append(("What is to blame", [Markup("{}.").format(_upper(blame))]))
+        said.append(("What is to blame", [Markup("{}.").format(_upper(blame)), halved_words(row)]))
     others = [one for one in summary["virtual_impactors"] if one is not row]
     if others:
         parts = [Markup("{}: {}").format(impactor_name(one), chance(one)) for one in leading(others)[:3]]

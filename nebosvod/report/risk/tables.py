@@ -1,12 +1,14 @@
 """Tables of a risk."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from markupsafe import Markup
 
-from nebosvod.report.kit.wording import DASH, moment, number, percent, product, quantity
+from nebosvod.report.kit.wording import DASH, NBSP, moment, number, percent, product, quantity
 from nebosvod.report.risk.draws import Arrays, draws_of
 from nebosvod.report.risk.words import body_name, chance, way_name
 from nebosvod.report.run.tables import Cell, Table
@@ -147,13 +149,14 @@ def corridor_table(row: Item, arrays: Arrays, epoch_tdb: str) -> Table | None:
         return None
     chosen = chosen[np.argsort(t_s[chosen], kind="stable")]
     start = Epoch.parse(epoch_tdb)
+    digits = _digits(draws, chosen)
     passed = np.cumsum(np.asarray(draws["weights"])[chosen])
     cells: list[tuple[Cell, ...]] = []
     for name, part in QUANTILES if len(chosen) > 1 else [("the only one", 0.0)]:
         k = chosen[min(int(np.searchsorted(passed, part * passed[-1])), len(chosen) - 1)]
         cells.append((
-            name, (start + float(t_s[k])).iso("utc", 0).removesuffix(" UTC").replace("T", " "),
-            place(float(draws["longitude_deg"][k]), float(draws["latitude_deg"][k])),
+            name, _second((start + float(t_s[k])).iso("utc", 0)),
+            place(float(draws["longitude_deg"][k]), float(draws["latitude_deg"][k]), digits),
             f"{draws['speed_km_s'][k]:.2f} km/s", f"{draws['elevation_deg'][k]:.1f}°",
         ))  # fmt: skip
     head = ("of the hits", "UTC", "place on the ground, geodetic", "speed", "below the horizon")
@@ -187,12 +190,18 @@ def level_table(row: Item) -> Table | None:
     )
 
 
-def _second(epoch_utc: str) -> str:
-    """Date and time to the second."""
-    return epoch_utc[:19].replace("T", " ")
+def _second(epoch_utc: str) -> Markup:
+    """Date and time to the second, not to be broken."""
+    return Markup('<span class="nowrap">{}</span>').format(epoch_utc[:19].replace("T", " "))
 
 
-def place(longitude_deg: float, latitude_deg: float) -> str:
+def _digits(draws: Arrays, chosen: npt.NDArray[np.intp]) -> int:
+    """Decimals that tell the places of a corridor apart."""
+    spread = float(np.ptp(np.asarray(draws["latitude_deg"])[chosen]))
+    return 2 if spread <= 0.0 else min(max(2, math.ceil(-math.log10(spread)) + 1), 5)
+
+
+def place(longitude_deg: float, latitude_deg: float, digits: int = 2) -> str:
     """`23.30° E, 21.20° S`."""
     east, north = ("E" if longitude_deg >= 0.0 else "W"), ("N" if latitude_deg >= 0.0 else "S")
-    return f"{abs(longitude_deg):.2f}° {east}, {abs(latitude_deg):.2f}° {north}"
+    return f"{abs(longitude_deg):.{digits}f}°{NBSP}{east}, {abs(latitude_deg):.{digits}f}°{NBSP}{north}"

@@ -6,21 +6,14 @@ from typing import Any
 
 from markupsafe import Markup
 
+from nebosvod.impacts.ways import WORDS, Way, agree
 from nebosvod.report.kit import wording
 from nebosvod.report.kit.wording import NBSP, join, number, percent
 from nebosvod.results.ahead_words import CALLED
 
 Item = Mapping[str, Any]
+SHORT = {"linear": "linear", "sampling": "sampling"}  # in the headline
 RARE = 1e-3  # a probability below this is told as one in so many
-APART = 3.0  # standard errors between two ways that disagree
-CLOSE = 0.05  # relative difference that nobody would act on
-HALF_95 = 1.96
-WAYS = {
-    "linear": "linear",
-    "line_of_variations": "line of variations",
-    "importance_sampling": "importance sampling",
-    "sampling": "sampling",
-}
 
 
 def body_name(body: str) -> str:
@@ -30,12 +23,14 @@ def body_name(body: str) -> str:
 
 def way_name(way: str) -> str:
     """A way as a reader is told it."""
-    return WAYS.get(way, way.replace("_", " "))
+    return WORDS.get(way, way.replace("_", " "))
 
 
 def chance(row: Item, interval: bool = True) -> Markup:
     """`18.4 % (18.1 to 18.7)`, `below 0.06 % (95 %)`, `1.2 × 10⁻⁶ (1 to 1.4 × 10⁻⁶), one in 830 000`."""
     low, high, p = row["low"], row["high"], row["probability"]
+    if unanswered(row):
+        return Markup("no answer")
     if row["bound"] or p is None:
         return Markup('below <data value="{}" data-unit="">{}</data> (95{}%)').format(repr(high), _plain(high), NBSP)
     spread = Markup("")
@@ -45,6 +40,11 @@ def chance(row: Item, interval: bool = True) -> Markup:
     shown = Markup('<data value="{}" data-unit="">{}</data>').format(repr(p), _share(p, high - low))
     rare = f", one in {number(float(f'{1.0 / p:.1e}'), 2)}" if 0.0 < p < RARE else ""
     return Markup('<span class="nowrap">{}{}</span>{}').format(shown, spread, rare)
+
+
+def unanswered(row: Item) -> bool:
+    """Whether a way has nothing to say: it drew nothing, and has no number."""
+    return bool(row["probability"] is None and row.get("draws") == 0)
 
 
 def _share(p: float, width: float) -> str:
@@ -72,24 +72,28 @@ def _plain(value: float) -> str:
 
 
 def agreement(row: Item) -> tuple[list[str], list[Item]]:
-    """Names of the ways that agree with the recommended one, itself among them, and the ways that do not."""
+    """Short names of the ways that agree with the recommended one, itself among them, and the ways that do not."""
     best = next((way for way in row["ways"] if way["way"] == row["recommended"]), row)
     agree, apart = [], []
     for way in row["ways"]:
+        if unanswered(way):
+            continue
         if way is best or consistent(best, way):
-            agree.append(way_name(way["way"]))
+            agree.append(SHORT.get(way["way"], way_name(way["way"])))
         else:
             apart.append(way)
     return agree, apart
 
 
 def consistent(one: Item, other: Item) -> bool:
-    """Whether two answers can both be right: by their standard errors, or so near that nobody would act on it."""
-    if one["bound"] or other["bound"]:
-        return bool(one["low"] <= other["high"] and other["low"] <= one["high"])
-    p, q = one["probability"], other["probability"]
-    error = math.hypot(*((way["high"] - way["low"]) / (2.0 * HALF_95) for way in (one, other)))
-    return bool(abs(p - q) <= max(APART * error, CLOSE * max(p, q)))
+    """Whether two answers, of ways or of folders, can both be right."""
+    return agree(_way(other), _way(one))
+
+
+def _way(row: Item) -> Way:
+    """An answer as the way it came from; one with an interval was drawn."""
+    drawn = int(row.get("draws") or row["high"] > row["low"])
+    return Way(name=row.get("way", ""), probability=row["probability"], low=row["low"], high=row["high"], draws=drawn)
 
 
 def agreement_words(row: Item) -> Markup:
@@ -107,13 +111,30 @@ def blame_words(row: Item) -> Markup | None:
     rows = (row.get("budget") or {}).get("rows") or []
     if not rows:
         return None
-    if any(one["share"] is not None for one in rows):
-        worst = max(rows, key=lambda one: one["share"] or 0.0)
+    worst = strongest(row)
+    if worst["share"] is not None:
         return Markup("{} is to blame for {} of the spread that decides").format(
             worst["source"], percent(worst["share"] or 0.0)
         )
-    worst = max(rows, key=lambda one: abs(one["elasticity"]))
     return Markup("it hangs most on {}").format(worst["source"])
+
+
+def strongest(row: Item) -> Item:
+    """The source with the largest share of the line, or without one the largest elasticity."""
+    rows: list[Item] = row["budget"]["rows"]
+    if any(one["share"] is not None for one in rows):
+        return max(rows, key=lambda one: one["share"] or 0.0)
+    return max(rows, key=lambda one: abs(one["elasticity"]))
+
+
+def halved_words(row: Item) -> Markup:
+    """What would become of the probability if the strongest source were halved."""
+    worst = strongest(row)
+    p, error = worst["probability_if_halved"], worst["probability_if_halved_error"]
+    told = {"probability": min(p, 1.0), "low": max(p - error, 0.0), "high": min(p + error, 1.0), "bound": False}
+    return Markup("Were {} halved and the estimate the same, it would be {}, one standard error either way.").format(
+        worst["source"], chance(told)
+    )
 
 
 def headline(summary: Item) -> Markup:

@@ -16,6 +16,8 @@ import pytest
 
 from nebosvod.borders.shape import require_shape, schema_file
 from nebosvod.cli import main
+from nebosvod.report.risk.draws import draws_of, is_weighed
+from nebosvod.report.risk.figures import by_weight, plane_plates
 from nebosvod.report.risk.page import make_risk_page
 from nebosvod.report.risk.words import agreement, chance, headline
 from nebosvod.results.folder import SCHEMAS
@@ -96,6 +98,53 @@ def test_ways_agree_when_both_can_be_right(other: tuple[Any, ...], agrees: bool)
     agree, apart = agreement({"recommended": "sampling", "ways": ways})
     assert ("linear" in agree) is agrees
     assert len(apart) == (not agrees)
+
+
+def test_a_way_without_an_answer_is_told_and_not_counted(risk_folder: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "risk"
+    shutil.copytree(risk_folder, folder)
+    summary = json.loads((folder / "summary.json").read_text("utf-8"))
+    line = summary["virtual_impactors"][0]["ways"][1]
+    line |= {"probability": None, "low": 0.0, "high": 1.0, "bound": True, "draws": 0, "hits": 0, "note": "nothing near"}
+    (folder / "summary.json").write_text(json.dumps(summary), "utf-8")
+    page = make_risk_page(folder)
+    assert "linear and sampling agree; star catalogue" in plain(page)
+    table = plain(page[page.index('id="table-ways-0"') :].split("</table>")[0].replace("<td", " <td"))
+    assert "line of variations no answer — — nothing near" in table
+    assert "line of variations" not in figure(page, "ways-0")
+
+
+def test_what_would_become_of_it_if_the_worst_source_were_halved_is_said(page: str, summary: dict[str, Any]) -> None:
+    p = 1.6 * summary["virtual_impactors"][0]["probability"]
+    said = f"Were star catalogue Gaia2 halved and the estimate the same, it would be {100.0 * p:.1f} %"
+    assert said in plain(page)
+
+
+def test_a_rare_impactor_is_shown_by_draws_of_its_own_its_places_by_their_weights(risk_folder: Path) -> None:
+    with np.load(risk_folder / "arrays.npz") as stored:
+        arrays = dict(stored)
+    own = {"weights": np.repeat([1e-6, 1e-9], [50, 50]), "hits": np.ones(100, dtype=bool)}
+    own |= {"longitude_deg": np.repeat([10.0, 90.0], [50, 50]), "latitude_deg": np.zeros(100)}
+    arrays |= {f"weighed_0_{name}": value for name, value in own.items()}
+    assert not is_weighed(0, arrays)  # hundreds of plain draws hit
+    arrays["hits_0"] = np.zeros(3000, dtype=bool)
+    assert is_weighed(0, arrays)
+    chosen = by_weight(draws_of(0, arrays), np.ones(100, dtype=bool))
+    # a thousandth of the weight: one of the 1500 places at most
+    assert np.count_nonzero(own["longitude_deg"][chosen] > 50.0) <= 2
+    assert len(chosen) >= 50
+
+
+def test_the_ellipse_stands_where_the_draws_have_the_estimate(risk_folder: Path, summary: dict[str, Any]) -> None:
+    with np.load(risk_folder / "arrays.npz") as stored:
+        arrays = dict(stored)
+    arrays["line_sigmas"] = np.linspace(-5.0, 5.0, 41)
+    arrays["line_xi_zeta_km_0"] = arrays["line_xi_zeta_km_0"] + [700.0, -300.0]
+    row = summary["virtual_impactors"][0]
+    (ellipse,) = (file for file in plane_plates(row, arrays)[0].data if file.name == "target-0-ellipse.csv")
+    points = np.array([line.split(",")[:2] for line in ellipse.text.splitlines()[1:]], dtype=float)
+    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    assert middle == pytest.approx([row["approach"]["xi_km"] + 700.0, row["approach"]["zeta_km"] - 300.0], abs=1.0)
 
 
 def test_every_hit_is_seen_near_the_earth_and_the_line_of_variations_with_it(risk_folder: Path, page: str) -> None:
