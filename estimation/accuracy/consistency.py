@@ -82,13 +82,20 @@ def coverage(errors: Array, factor: Array, level_sigma: float) -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Pattern:
-    """Is a series of residuals random? p-values of the runs test and of the lag correlations (Ljung and Box)."""
+    """Is a series of residuals random? p-values of the runs test and of the lag correlations (Ljung and Box).
+
+    `lag` is the one whose `correlation` is least likely by chance, and `lag_p` the chance of any as unlikely: where a
+    small level must hold, as among many tests, it does, and Ljung's and Box's, which is asymptotic, does not.
+    """
 
     runs: int
     runs_expected: float
     runs_p: float
     whiteness: float
     whiteness_p: float
+    lag: int
+    correlation: float
+    lag_p: float
 
     def random(self, level: float = 0.01) -> bool:
         """Neither test objects at half the level each."""
@@ -122,6 +129,8 @@ def residual_pattern(series: npt.ArrayLike, lags: int = 10) -> Pattern:
     power = float(centred @ centred)
     lagged = np.array([float(centred[lag:] @ centred[:-lag]) for lag in range(1, lags + 1)])
     r = lagged / power if power > 0.0 else lagged
+    normal = np.abs(r) * np.sqrt(n * (n + 2.0) / (n - np.arange(1, lags + 1)))
+    best = int(np.argmax(normal))
     q = n * (n + 2.0) * float(np.sum(r**2 / (n - np.arange(1, lags + 1))))
     return Pattern(
         runs=runs,
@@ -129,6 +138,9 @@ def residual_pattern(series: npt.ArrayLike, lags: int = 10) -> Pattern:
         runs_p=float(erfc(abs(runs - expected) / spread / np.sqrt(2.0))),
         whiteness=q,
         whiteness_p=_chi_square_tail(q, lags),
+        lag=best + 1,
+        correlation=float(r[best]),
+        lag_p=min(lags * float(erfc(normal[best] / np.sqrt(2.0))), 1.0),
     )
 
 

@@ -22,6 +22,7 @@ FINEST = 2**15  # cells of the scan over the span; more rapid rhythms of longer 
 SLOWEST = 1e-4  # decay over the span; slower ones change no sigma by more than 2e-5
 PER_DECADE = 2  # decays in the scan
 POLISHED = 4  # peaks of the scan that are climbed exactly
+ROUGH = 40  # periods of a rough search
 FORGOTTEN = 12.0  # decay times after which a correlation is nothing
 
 
@@ -62,6 +63,22 @@ class Series:
         """The worst phase, rad."""
         _, imaginary = _lagged(self.a, self.t, self.label, k, w)
         return float(-np.sign(imaginary) * np.arctan2(k, w))
+
+
+def roughly_worst(series: Series, periods: Array) -> tuple[float, float]:
+    """The worst of a few decays at periods (k,) that have a name, and at others, equal parts apart.
+
+    Without the scan and the climb of `worst`: for many series of irregular times, where those take long. Correlations
+    that fade within few periods have broad peaks, and a rhythm that everybody asks for is looked at by itself.
+    """
+    shortest, longest = 2.0 * series.shortest, max(series.span, 2.0 * series.shortest)
+    every = np.concatenate([np.geomspace(shortest, longest, ROUGH), periods])
+    candidates = [
+        (w / fading, w)
+        for w in 2.0 * np.pi / every[(every >= shortest) & (every <= longest)]
+        for fading in (2.0, 10.0, 100.0)
+    ]
+    return max(candidates, key=lambda at: series.variance(*at))
 
 
 def worst(series: Series) -> tuple[float, float]:

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nebosvod.errors import GeometryError, InputError
-from nebosvod.estimation.accuracy.correlation import Series, worst
+from nebosvod.estimation.accuracy.correlation import Series, roughly_worst, worst
 from nebosvod.estimation.problem.problem import LinearProblem
 from nebosvod.estimation.problem.sources import measurement_gain
 from nebosvod.estimation.problem.square_root import cholesky_rows, conditioning, solve_rows, solve_upper
@@ -84,7 +84,9 @@ class WorstCorrelation:
     phase_rad: float
 
 
-def worst_correlation(a: Array, t_s: Array, series: npt.NDArray[np.int64] | None = None) -> WorstCorrelation:
+def worst_correlation(
+    a: Array, t_s: Array, series: npt.NDArray[np.int64] | None = None, *, rough: Array | None = None
+) -> WorstCorrelation:
     """Search the exponential-cosine correlation of unit noise that is worst for sum a_i v_i.
 
     Parameters
@@ -92,6 +94,7 @@ def worst_correlation(a: Array, t_s: Array, series: npt.NDArray[np.int64] | None
     a : shape (m,), weights times sigma of each scalar measurement.
     t_s : shape (m,), times.
     series : shape (m,), which series a measurement belongs to; different series stay independent.
+    rough : periods (k,) to look at beside a few others, instead of all; see `correlation.roughly_worst`.
 
     Notes
     -----
@@ -105,7 +108,9 @@ def worst_correlation(a: Array, t_s: Array, series: npt.NDArray[np.int64] | None
     white = float(np.linalg.norm(weights))
     found = Series.of(weights / white if white > 0.0 else weights, times, label)
     # measurements at one moment are one draw, whatever the decay
-    k, w = worst(found) if found.shortest > 0.0 and white > 0.0 else (1.0, 1.0)
+    k, w = 1.0, 1.0
+    if found.shortest > 0.0 and white > 0.0:
+        k, w = worst(found) if rough is None else roughly_worst(found, rough)
     return WorstCorrelation(
         sigma=white * float(np.sqrt(max(found.variance(k, w), 1.0))),
         sigma_white=white,
@@ -116,12 +121,15 @@ def worst_correlation(a: Array, t_s: Array, series: npt.NDArray[np.int64] | None
     )
 
 
-def worst_prediction(problem: LinearProblem, W: Array, t_s: Array) -> tuple[WorstCorrelation, ...]:
+def worst_prediction(
+    problem: LinearProblem, W: Array, t_s: Array, *, rough: Array | None = None
+) -> tuple[WorstCorrelation, ...]:
     """Worst correlation of the measurement noise for each predicted quantity w = W x (d, s) of the estimated x.
 
     Parameters
     ----------
     t_s : shape (n,). Components of one instrument (noise source) are each a series of their own.
+    rough : as of `worst_correlation`.
 
     Notes
     -----
@@ -136,7 +144,7 @@ def worst_prediction(problem: LinearProblem, W: Array, t_s: Array) -> tuple[Wors
     series = (label[:, None] * p + np.arange(p)).reshape(-1)
     times = np.repeat(np.asarray(t_s, dtype=np.float64), p)
     flat = weights.reshape(n * p, -1)
-    return tuple(worst_correlation(flat[:, d], times, series) for d in range(flat.shape[1]))
+    return tuple(worst_correlation(flat[:, d], times, series, rough=rough) for d in range(flat.shape[1]))
 
 
 def bias_imitates(problem: LinearProblem, state: str, bias: str) -> Klaus:

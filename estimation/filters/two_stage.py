@@ -52,6 +52,14 @@ class TwoStage:
         return self.V @ self.P_b
 
 
+def restart(stage: TwoStage, P_b: Array) -> TwoStage:
+    """Begin the bias stage anew with a bias that owes nothing to the one before, P_b (r, r) its covariance.
+
+    What the bias has done so far stays in the state. The same as a step with B = 0 and Q_b = P_b.
+    """
+    return TwoStage(x0=stage.x, P=_even(stage.P_x), b=np.zeros_like(stage.b), P_b=P_b, V=np.zeros_like(stage.V))
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class System:
     """One step of the system: transitions A (s, s), D (s, r), B (r, r), noises Q_x, Q_b, Q_xb."""

@@ -6,6 +6,7 @@ matrix is formed only to be shown.
 """
 
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -13,10 +14,12 @@ import numpy.typing as npt
 from nebosvod.errors import InputError
 
 Array = npt.NDArray[np.float64]
+N = TypeVar("N", np.float64, np.complex128)
 
 EPS = float(np.finfo(np.float64).eps)
 ALIKE = 64.0  # rows and columns of a matrix whose largest elements differ less need no balancing
 STACKED = 16  # chunks of rows that are reduced in one call
+SMALL = 30_000  # multiplications of a product for which no threads are woken
 OBSERVABLE_CONDITION = 1e13  # above this the smallest singular value is round-off of the largest
 
 
@@ -107,6 +110,19 @@ def append_rows(triangle: Array, rows: Array, chunk: int = 256) -> Array:
     for start in range(whole * chunk, len(rows), chunk):
         triangle = np.asarray(np.linalg.qr(np.vstack([triangle, rows[start : start + chunk]]), mode="r"))
     return triangle
+
+
+def products(left: npt.NDArray[N], right: npt.NDArray[N]) -> npt.NDArray[N]:
+    """left^T right for tall matrices (m, a) and (m, b), some rows at a time.
+
+    A library of linear algebra wakes all threads for a large product, which costs twenty times the work itself on a
+    busy machine.
+    """
+    rows = max(SMALL // max(left.shape[1] * right.shape[1], 1), 1)
+    out = left[:rows].T @ right[:rows]
+    for start in range(rows, len(left), rows):
+        out += left[start : start + rows].T @ right[start : start + rows]
+    return out
 
 
 def solve_upper(R: Array, right: Array) -> Array:

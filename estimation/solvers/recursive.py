@@ -151,7 +151,7 @@ def mismatched(problem: LinearProblem) -> bool:
 
 
 @plain_loop
-def _rotate_in(row, triangle):  # type: ignore[no-untyped-def]
+def rotate_in(row, triangle):  # type: ignore[no-untyped-def]
     """Rotate one row (w,) into the upper triangle (., w) by Givens rotations; the row is destroyed."""
     width = triangle.shape[1]
     for j in range(min(width, triangle.shape[0])):
@@ -228,11 +228,11 @@ def _sweep(rows, triangle, spread, truth_rows, inside, outside, formal, true):  
     for k in range(n):
         for i in range(p):
             row[:] = rows[k, i]
-            _rotate_in(row, triangle)
+            rotate_in(row, triangle)
         if len(true):
             for i in range(truth_rows.shape[1]):
                 fresh_row[:] = truth_rows[k, i]
-                _rotate_in(fresh_row, fresh)
+                rotate_in(fresh_row, fresh)
         if len(formal):
             begin = _inverse_upper(triangle, size, S, OBSERVABLE_CONDITION)
             _row_lengths(spread, S, begin, True, formal[k])

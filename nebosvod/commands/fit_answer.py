@@ -9,6 +9,7 @@ from rich.box import SIMPLE
 from rich.console import Console
 from rich.table import Table
 
+from nebosvod.commands.diagnosis_answer import diagnosis_lines
 from nebosvod.errors import counted
 from nebosvod.results.ahead_words import ahead_sentences
 from nebosvod.results.condensed import condensed, foremost, without
@@ -56,7 +57,14 @@ def print_fit(summary: Mapping[str, Any], folder: Path | None, console: Console 
         for line in ahead_sentences(summary["ahead"]):
             out.print(_plain(line), style="bold" if "impact on" in line or "hits" in line else "")
     out.print(_stations(fit))
-    for line in (*_rejected(fit), *_tests(fit), *_budget(summary), *_predictions(summary), *_reference(summary)):
+    for line in (
+        *_rejected(fit),
+        *_tests(fit),
+        *diagnosis_lines(summary),
+        *_budget(summary),
+        *_predictions(summary),
+        *_reference(summary),
+    ):
         out.print(_plain(line))
     for line in (*fit["notices"], *(f"warning: {text}" for text in summary["warnings"])):
         out.print(_plain(line))

@@ -9,6 +9,7 @@ from rich.box import SIMPLE
 from rich.console import Console
 from rich.table import Table
 
+from nebosvod.commands.diagnosis_answer import diagnosis_lines
 from nebosvod.errors import counted
 from nebosvod.report.kit.facts import earlier_orbit, grouped
 from nebosvod.results.outlook import answered, event_words, impact_sentences, unanswered_sentences, unit_of
@@ -40,7 +41,7 @@ def print_answer(summary: Mapping[str, Any], folder: Path, console: Console | No
         out.print(_budget(summary))
     if summary.get("shifts"):
         out.print(_shifts(summary))
-    for line in (*_trials(summary), *_cautions(summary)):
+    for line in (*_trials(summary), *diagnosis_lines(summary), *_cautions(summary)):
         out.print(_plain(line))
     out.print(f"report: {_plain(str(folder / 'report.html'))}")
 

@@ -17,6 +17,7 @@ from nebosvod.findings import blame
 from nebosvod.findings.blame import Kind, StateShare, Worlds, kind_of_problem, state_shares
 from nebosvod.findings.comparison import Accuracies, comparison
 from nebosvod.findings.curves import Curve, curves
+from nebosvod.findings.doctor import Diagnosis, diagnose
 from nebosvod.findings.drawn import clones, impact_share, spread_of
 from nebosvod.findings.foretold import Foretold
 from nebosvod.findings.inside import Inside, inside
@@ -45,6 +46,7 @@ class Findings:
     accuracies : five of each component of each prediction.
     shifts : of the estimate and the predictions, by every source whose mean is not as assumed.
     inside : of the leading estimate, what the mission asks to see; None where that is nothing.
+    diagnosis : what the residuals of the first estimator that weighs by least squares say; None where none was made.
     """
 
     budget: tuple[StateShare, ...]
@@ -56,6 +58,7 @@ class Findings:
     shifts: tuple[Shift, ...]
     inside: Inside | None
     arrays: Mapping[str, Array]
+    diagnosis: Diagnosis | None = None
 
 
 def assess(
@@ -97,17 +100,26 @@ def assess(
     rows, points = _predictions(scene, fits, foretold, own), dict[str, Array]()
     if found and samples:
         rows, points = _with_drawn(scene, found[0], predicted[found[0].estimator.name], rows, seed)
+    five = tuple(comparison(scene, different, predicted, samples))
+    diagnosis = None if leading is None else diagnose(scene, leading, five)
     return Findings(
         budget=tuple(row for fit in found for row in state_shares(scene, fit, own[fit.estimator.name])),
         predictions=tuple(rows),
         noise_to_nuisance=against,
         required=tuple(required(scene, leading, told)) if leading is not None and told else (),
         curves=tuple(curves(leading, told)) if leading is not None and told else (),
-        accuracies=tuple(comparison(scene, different, predicted, samples)),
+        accuracies=five,
         shifts=tuple(row for fit in found for row in shifts(fit, predicted[fit.estimator.name])),
         inside=shown,
-        arrays=ratio_arrays | points | ({} if shown is None else dict(shown.arrays)),
+        arrays=ratio_arrays | points | _arrays(shown, diagnosis),
+        diagnosis=diagnosis,
     )
+
+
+def _arrays(shown: Inside | None, diagnosis: Diagnosis | None) -> dict[str, Array]:
+    """Arrays of what is there only for some missions."""
+    inner = {} if shown is None else dict(shown.arrays)
+    return inner | ({} if diagnosis is None else dict(diagnosis.biases.arrays))
 
 
 def _with_drawn(

@@ -47,7 +47,7 @@ class Accuracies:
     formal, extended : 1 sigma as the estimator believes, and in truth.
     mean_error : mean of predicted minus true value.
     worst_correlation, worst_any_correlation : 1 sigma with the worst correlation of the noise, and the bound for any;
-        None where the search is left out.
+        None where the search is left out. worst_period_s : of that correlation.
     guaranteed : bound, with so many measurements; None with a reason where there is none.
     monte_carlo, monte_carlo_interval_99 : standard deviation of drawn errors; None with a reason where none were drawn.
     statement : how they agree, in words.
@@ -69,6 +69,7 @@ class Accuracies:
     monte_carlo_interval_99: tuple[float, float] | None
     monte_carlo_reason: str | None
     statement: str = ""
+    worst_period_s: float | None = None
 
 
 def comparison(
@@ -92,9 +93,9 @@ def _rows(scene: Scene, fit: Fit, asked: Sequence[Quantity], sample: Sample | No
     for quantity in asked:
         W, names = known_partials(quantity, fit.estimate)
         found, off = fit.estimate.predict(W, names), fit.mean_error(W, names)
-        worst = bound = np.full(len(W), np.nan)
+        worst = bound = period = np.full(len(W), np.nan)
         if fit.problem.n <= blame.LARGE and not fit.own_gain:  # the search knows the gain of least squares
-            worst, bound = worst_sigmas(fit, W, names)
+            worst, bound, period = worst_sigmas(fit, W, names)
         sure, reason = _guaranteed(few, W, names)
         drawn, interval, missing = _monte_carlo(fit, W, names, sample)
         for k in range(len(W)):
@@ -114,6 +115,7 @@ def _rows(scene: Scene, fit: Fit, asked: Sequence[Quantity], sample: Sample | No
                 monte_carlo=None if drawn is None else float(drawn[k]),
                 monte_carlo_interval_99=None if interval is None else (float(interval[k, 0]), float(interval[k, 1])),
                 monte_carlo_reason=missing,
+                worst_period_s=_finite(period[k]),
             )
             left_out = {name: float(np.sum(G[k] ** 2)) for name, G in found.factors.items()}
             rows.append(replace(row, statement=statement(row, _unmodelled(scene, fit, left_out))))
@@ -124,8 +126,8 @@ def _finite(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-def worst_sigmas(fit: Fit, W: Array, names: Sequence[str]) -> tuple[Array, Array]:
-    """Sigmas (d,) with the worst exponential-cosine correlation of the noise, and the bound for any correlation."""
+def worst_sigmas(fit: Fit, W: Array, names: Sequence[str]) -> tuple[Array, Array, Array]:
+    """Sigmas (d,) with the worst exponential-cosine correlation of the noise, the bound for any, and its period, s."""
     estimate, problem = fit.estimate, fit.problem
     found = extended.worst_prediction(problem, spread(W, names, estimate.names), fit.observation.t_s)
     factors = estimate.predict(W, names).factors
@@ -134,7 +136,7 @@ def worst_sigmas(fit: Fit, W: Array, names: Sequence[str]) -> tuple[Array, Array
     )
     noise = np.array([[one.sigma, one.bound] for one in found])
     worst, bound = np.sqrt(rest[:, None] + noise**2).T
-    return worst, bound
+    return worst, bound, np.array([2.0 * np.pi / one.frequency_rad_per_s for one in found])
 
 
 def reaching(fit: Fit) -> LinearProblem:

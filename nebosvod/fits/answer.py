@@ -14,6 +14,7 @@ from nebosvod.engine.evaluation import out_of_steps
 from nebosvod.errors import CoverageError, EventError
 from nebosvod.estimation import Estimate
 from nebosvod.findings.blame import StateShare, Worlds, state_shares
+from nebosvod.findings.doctor import Diagnosis, diagnose
 from nebosvod.findings.foretold import foretell, unknown_orbit
 from nebosvod.findings.nonlinearity import nonlinearity
 from nebosvod.findings.prediction import Prediction, existing, of_fit, unanswered
@@ -53,6 +54,7 @@ class Answer:
     budget : of the state; predictions : those that do not exist among them; reference : how far from another orbit.
     ended : the epochs asked for at which the orbit has ended.
     ahead : what comes after the last observation.
+    diagnosis : what the residuals say.
     """
 
     fit: OrbitFit
@@ -66,6 +68,7 @@ class Answer:
     reference: Comparison | None = None
     cautions: tuple[str, ...] = ()
     ahead: Ahead | None = None
+    diagnosis: Diagnosis | None = None
 
 
 def answer(found: OrbitFit) -> Answer:
@@ -110,6 +113,7 @@ def answer(found: OrbitFit) -> Answer:
         reference=reference,
         cautions=(*usual_force.cautions(found, scene, existing(predictions)), *without),
         ahead=look_ahead(found, trajectory, amid),
+        diagnosis=diagnose(found.general.scene, fit, recorded=True),
     )
 
 

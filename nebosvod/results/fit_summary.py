@@ -24,6 +24,7 @@ from nebosvod.fits.shared_errors import SharedError
 from nebosvod.fits.suggestion import entry, flow
 from nebosvod.results import prediction_rows, rows
 from nebosvod.results.approaches_folder import row_of as approach_row
+from nebosvod.results.diagnosis_rows import diagnosis_block
 from nebosvod.results.outlook import bent_words
 from nebosvod.results.run_summary import estimator_row, mean_error_notes, physics
 from nebosvod.scene.recorded import beyond_tables
@@ -60,6 +61,7 @@ def summarise(found: Answer) -> dict[str, Any]:
         "ahead": None if found.ahead is None else ahead_block(found.ahead),
         "physics": _physics(fit),
         "warnings": _warnings(found),
+        **diagnosis_block(found.diagnosis, mission.reference_epoch),
     }
 
 

@@ -255,6 +255,7 @@ def accuracies(found: Accuracies) -> Row:
         "extended": found.extended,
         "mean_error": found.mean_error,
         "worst_correlation": found.worst_correlation,
+        "worst_correlation_period_s": found.worst_period_s,
         "worst_any_correlation": found.worst_any_correlation,
         "guaranteed": found.guaranteed,
         "guaranteed_measurements": found.guaranteed_measurements,

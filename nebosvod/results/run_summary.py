@@ -20,6 +20,7 @@ from nebosvod.findings.impacts import impacts_of
 from nebosvod.findings.prediction import existing
 from nebosvod.observation.earth.sites import GroundSite
 from nebosvod.results import prediction_rows, rows
+from nebosvod.results.diagnosis_rows import diagnosis_block
 from nebosvod.results.outlook import bent_words
 from nebosvod.scene.prior import STATE_NAMES, PriorTable
 from nebosvod.scene.scene import PlannedScene, Scene
@@ -62,6 +63,7 @@ def summarise(
         "curves": [rows.curve(one) for one in findings.curves],
         "accuracy_comparison": rows.accuracy_comparison(findings.accuracies),
         "warnings": [*_unknown_prior(priors), *_warnings(scene, fits, findings)],
+        **diagnosis_block(findings.diagnosis, scene.epoch),
         **rows.consistency_block(trials),
     }
 

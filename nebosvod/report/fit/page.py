@@ -9,6 +9,7 @@ from nebosvod.report.fit import tables as fit_tables
 from nebosvod.report.kit.base import render
 from nebosvod.report.kit.facts import grouped
 from nebosvod.report.kit.wording import count, join, moment, number, quantity
+from nebosvod.report.run.diagnosis import bias_table, residual_table, sentences
 from nebosvod.report.run.ellipses import ellipse_plate
 from nebosvod.report.run.encounters import encounter_plates
 from nebosvod.report.run.tables import Cell, prediction_table
@@ -61,7 +62,10 @@ def make_fit_report(folder: Path) -> str:
             "predictions": prediction_table(run, run.estimators[0]),
             "nonlinearity": nonlinearity_table(run, run.estimators[0]),
             "reference": None if reference is None else fit_tables.reference(reference),
+            "biases": bias_table(run),
+            "patterns": residual_table(run),
         },
+        diagnosis=sentences(run),
         reference=reference,
     )
 

@@ -12,6 +12,7 @@ from nebosvod.report.kit.wording import quantity
 from nebosvod.report.run import (
     advice,
     curves,
+    diagnosis,
     ellipses,
     encounters,
     figures,
@@ -67,6 +68,7 @@ def make_report(folder: Path) -> str:
         kappa=physical.kappa_sentence(run, main) if main else None,
         helps=[s for s in (advice.plan_sentence(run),) if s],
         mission_text=tables.mission_text(run),
+        diagnosis=diagnosis.sentences(run),
     )
 
 
@@ -106,6 +108,7 @@ def _plates(
         "required": [advice.required_plate(run)] if of_main else [],
         "nuisance": [figures.noise_to_nuisance(run)],
         "curves": [*curves.curve_plates(run)] if of_main else [],
+        "power": [diagnosis.power_plate(run)] if of_main else [],
         "history": [figures.sigma_over_time(run), *filters.filter_plates(run)],
         "seen": [seen],
         "geometry": [geometry.plan_view(run), geometry.viewing(run)],
@@ -123,6 +126,8 @@ def _tables(run: RunFolder, main: Item | None) -> dict[str, tables.Table | None]
         "required": advice.required_table(run),
         "limits": advice.limit_table(run),
         "slopes": curves.slope_table(run),
+        "biases": diagnosis.bias_table(run),
+        "patterns": diagnosis.residual_table(run),
         "visibility": tables.visibility_table(run),
         "inside": tables.inside_table(run),
         "physics": tables.physics_table(run),

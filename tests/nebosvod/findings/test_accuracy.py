@@ -64,7 +64,7 @@ def test_an_ignored_bias_makes_the_estimator_optimistic_and_is_named(
 def test_no_correlation_of_the_family_is_worse_than_the_worst(minimal_setting: Setting) -> None:
     _, one, asked = solved(minimal_setting)
     W, names = known_partials(asked[0], one.estimate)
-    worst, bound = worst_sigmas(one, W, names)
+    worst, bound, _ = worst_sigmas(one, W, names)
     place = [one.estimate.names.index(name) for name in names]
     gain = measurement_gain(one.problem)[:, :, place] @ W.T
     rest = one.estimate.predict(W, names)

@@ -67,7 +67,7 @@ def test_page_is_quiet_asks_for_nothing_and_fits_phone_and_laptop(real_folder: P
     for name in ("phone", "laptop"):
         assert found[name]["requests"] == []
         assert found[name]["scroll"] <= found[name]["width"]
-        assert len(found[name]["pictures"]) == 13
+        assert len(found[name]["pictures"]) == 14
         assert min(height for height in found[name]["pictures"] if height) > 80
         assert found[name]["cut"] == []
 
