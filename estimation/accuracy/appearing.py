@@ -208,7 +208,7 @@ class Ground:
 
         Parameters
         ----------
-        problem : rows in time order; whatever else errs is estimated or in its weights (`in_truth`).
+        problem : rows in time order; whatever else errs is estimated or in its weights (`nothing_left_out`).
         """
         partition, whitener = Partition.of(problem), Whitener.of(problem)
         rows = whitened_rows(problem, partition, whitener)

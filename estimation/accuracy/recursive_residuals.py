@@ -15,8 +15,9 @@ import numpy as np
 import numpy.typing as npt
 
 from nebosvod.borders.compiled import plain_loop
+from nebosvod.borders.treatment import Treatment
 from nebosvod.estimation.problem.partition import Partition
-from nebosvod.estimation.problem.problem import Block, LinearProblem, Markov, Prior, White
+from nebosvod.estimation.problem.problem import LinearProblem
 from nebosvod.estimation.problem.whitening import Whitener, whitened_rows
 from nebosvod.estimation.solvers.batch import prior_rows
 from nebosvod.estimation.solvers.recursive import rotate_in
@@ -34,7 +35,7 @@ def recursive_residuals(problem: LinearProblem) -> Array:
     Returns
     -------
     nan for those that only begin to determine a parameter without a prior. The sum of the squares of the others is
-    chi2, and they are independent N(0, 1) where the problem is right about everything: see `in_truth`.
+    chi2, and they are independent N(0, 1) where the problem is right about everything: see `nothing_left_out`.
     """
     partition = Partition.of(problem)
     rows = whitened_rows(problem, partition, Whitener.of(problem))
@@ -46,32 +47,25 @@ def recursive_residuals(problem: LinearProblem) -> Array:
     return out
 
 
-def in_truth(problem: LinearProblem) -> LinearProblem:
-    """The problem of an estimator that assumes what is true and leaves nothing out that is considered or ignored."""
+def nothing_left_out(problem: LinearProblem) -> LinearProblem:
+    """The problem of an estimator that has all its sources in its model, those too that are considered or ignored.
 
-    def known(treatment: str) -> bool:
-        return treatment in ("considered", "ignored")
+    They are what they are assumed to be: where something else is true, the residuals may show it.
+    """
 
-    def block(one: Block) -> Block:
-        return replace(one, treatment="estimated") if known(one.treatment) else one
-
-    def white(one: White) -> White:
-        return replace(one, Q=one.truth, true_Q=None, treatment="estimated" if known(one.treatment) else one.treatment)
-
-    def markov(one: Markov) -> Markov:
-        return replace(one, treatment="estimated") if known(one.treatment) else one
-
-    def prior(one: Prior) -> Prior:
-        return replace(one, covariance=one.truth, true_covariance=None)
+    def known(treatment: Treatment) -> Treatment:
+        return "estimated" if treatment in ("considered", "ignored") else treatment
 
     return replace(
         problem,
-        R=problem.truth,
         true_R=None,
-        blocks=tuple(block(one) for one in problem.blocks),
-        white=tuple(white(one) for one in problem.white),
-        markov=tuple(markov(one) for one in problem.markov),
-        priors=tuple(prior(one) for one in problem.priors),
+        blocks=tuple(replace(one, treatment=known(one.treatment)) for one in problem.blocks),
+        white=tuple(replace(one, true_Q=None, treatment=known(one.treatment)) for one in problem.white),
+        markov=tuple(
+            replace(one, true_F=None, true_Q=None, true_P0=None, treatment=known(one.treatment))
+            for one in problem.markov
+        ),
+        priors=tuple(replace(one, true_covariance=None) for one in problem.priors),
     )
 
 

@@ -6,20 +6,21 @@ import numpy as np
 
 from nebosvod.engine.fitting import Fit
 from nebosvod.estimation import LinearProblem
-from nebosvod.estimation.accuracy.recursive_residuals import in_truth
+from nebosvod.estimation.accuracy.recursive_residuals import nothing_left_out
 from nebosvod.estimation.solvers.iteration import recentred
 from nebosvod.scene.scene import Scene
 
 
 def settled(fit: Fit) -> LinearProblem:
     """The problem at the end of a fit, counted from there, of an estimator that leaves nothing out."""
-    problem = in_truth(recentred(fit.problem, deviation_of(fit)))
-    known = tuple(
-        replace(prior, mean=prior.mean + np.array([fit.mean_errors.get(name, 0.0) for name in prior.names]))
+    problem = nothing_left_out(recentred(fit.problem, deviation_of(fit)))
+    # what was left out stands at the mean that the mission gives it, whatever the estimator took it for
+    at_their_mean = set(fit.estimate.left_out) & set(fit.seen.point.nuisances)
+    priors = tuple(
+        replace(prior, mean=np.zeros(len(prior.names))) if set(prior.names) <= at_their_mean else prior
         for prior in problem.priors
-        if prior.mean is not None
     )
-    return replace(problem, priors=known)
+    return replace(problem, priors=priors)
 
 
 def deviation_of(fit: Fit) -> dict[str, float]:

@@ -8,7 +8,7 @@ from scipy import stats
 from nebosvod.errors import InputError
 from nebosvod.estimation.accuracy import consistency
 from nebosvod.estimation.accuracy.periodogram import power, rhythm_at, strongest_rhythm, strongest_rhythms
-from nebosvod.estimation.accuracy.recursive_residuals import in_truth, recursive_residuals
+from nebosvod.estimation.accuracy.recursive_residuals import nothing_left_out, recursive_residuals
 from nebosvod.estimation.solvers import batch, recursive
 
 
@@ -33,10 +33,8 @@ def test_recursive_residuals_are_the_innovations_of_the_batch_so_far(make_proble
 
 def test_in_a_right_model_they_are_independent_normal_numbers(make_problem):
     """300 worlds of a model that an estimator does not have whole: what it leaves out is in that of the test."""
-    blind = make_problem(
-        seed=6, z="white", state_prior="own", treatments={"c": "considered", "z": "ignored"}, truth=True
-    )
-    whole = in_truth(blind)
+    blind = make_problem(seed=6, z="white", state_prior="own", treatments={"c": "considered", "z": "ignored"})
+    whole = nothing_left_out(blind)
     rng = np.random.default_rng(8)
     R = np.broadcast_to(whole.R, (whole.n, 2, 2)).copy()
     for white in whole.white:

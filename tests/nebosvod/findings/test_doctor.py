@@ -107,6 +107,17 @@ def test_a_bias_that_an_estimator_ignores_is_found_by_a_run(minimal_text: str, t
     assert (np.diff(power) >= 0.0).all()
 
 
+def test_a_bias_larger_than_assumed_is_found_by_a_run(minimal_text: str) -> None:
+    """What is declared true beside the assumption is what the residuals show of it."""
+    bias = "bias: {sigma: 0.05 arcsec, treatment: estimated, true: {sigma: 0.05 arcsec, mean_ra: 3 arcsec}}"
+    text = minimal_text.replace("{lead: -10 deg}", "{lead: -10 deg}, " + bias)
+    told = json.loads(run(load_mission_text(text), seed=2).summary_text())["diagnosis"]
+    first, second = told["bias_tests"]
+    assert second["verdict"] == "constant"
+    assert second["constant"]["bias_arcsec"][0] == pytest.approx(3.0, abs=4.0 * second["constant"]["sigma_arcsec"][0])
+    assert first["verdict"] == "no bias"
+
+
 def test_noise_is_left_in_peace(neb_setting: Setting) -> None:
     found = diagnose(*solved(neb_setting))
     assert found is not None
