@@ -28,6 +28,7 @@ from nebosvod.observation.uncertainty.plate_scale import PlateScale
 from nebosvod.observation.uncertainty.position_error import ConstantPosition, GaussMarkovPosition, WhitePosition
 from nebosvod.observation.uncertainty.simulate import draw_noise, draw_truth, measure
 from nebosvod.observation.uncertainty.term import Common, Markov, Term, White
+from nebosvod.observation.uncertainty.white_acceleration import Reach, WhiteAcceleration
 
 __all__ = [
     "ArcBias",
@@ -54,6 +55,7 @@ __all__ = [
     "OrbitError",
     "Photocentre",
     "PlateScale",
+    "Reach",
     "Residuals",
     "Sight",
     "Spacecraft",
@@ -63,6 +65,7 @@ __all__ = [
     "TimingOffset",
     "Visibility",
     "White",
+    "WhiteAcceleration",
     "WhitePosition",
     "ZoneBias",
     "apparent_magnitude",

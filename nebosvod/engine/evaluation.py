@@ -1,5 +1,7 @@
 """Predictions evaluated on a trajectory: on the sky, as a state, or of an encounter."""
 
+from dataclasses import replace
+
 import numpy as np
 import numpy.typing as npt
 
@@ -13,6 +15,7 @@ from nebosvod.engine.values import value_quantity
 from nebosvod.errors import CoverageError, NoAnswerError
 from nebosvod.mission.request import EncounterPrediction, Prediction, SkyPrediction, StatePrediction, ValuePrediction
 from nebosvod.observation import observe
+from nebosvod.scene.pulls import acceleration_of
 from nebosvod.scene.scene import Scene
 from nebosvod.timescale import Epoch, Scale
 from nebosvod.units import ARCSEC
@@ -32,6 +35,37 @@ def quantity(scene: Scene, trajectory: Trajectory, request: Prediction, about: E
     NoAnswerError
         If it does not exist for this orbit; says why.
     """
+    return pulled(scene, _quantity(scene, trajectory, request, about))
+
+
+def pulled(scene: Scene, one: Quantity) -> Quantity:
+    """A quantity with its partials by the process noise of the object until its time; as it is where there is none."""
+    noise = acceleration_of(scene.nuisances)
+    if noise is None:
+        return one
+    B = noise.pulled(np.array([one.epoch - scene.epoch]))[0]
+
+    def wider(rows: Array | None) -> Array | None:
+        return None if rows is None else np.concatenate([rows, rows[..., :6] @ B], axis=-1)
+
+    disc = None if one.disc is None else replace(one.disc, partials=_some(wider(one.disc.partials)))
+    return replace(
+        one,
+        partials=_some(wider(one.partials)),
+        names=(*one.names, *noise.names),
+        time_partials=wider(one.time_partials),
+        ground_partials=wider(one.ground_partials),
+        disc=disc,
+    )
+
+
+def _some(rows: Array | None) -> Array:
+    """Partials that are there."""
+    return np.zeros((0, 0)) if rows is None else rows
+
+
+def _quantity(scene: Scene, trajectory: Trajectory, request: Prediction, about: Epoch | None) -> Quantity:
+    """The same by the state and the parameters alone."""
     try:
         if isinstance(request, EncounterPrediction):
             _require_covered(scene, trajectory, request)

@@ -1,6 +1,6 @@
 """What orbits drawn from the error of an estimate do to a prediction, held against its linear ellipse."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +13,7 @@ from nebosvod.estimation.accuracy import ellipse
 from nebosvod.estimation.accuracy.consistency import binomial_interval
 from nebosvod.findings.cloud import displacements
 from nebosvod.findings.displacement import moved_events, uncertain
+from nebosvod.scene.pulls import acceleration_of
 from nebosvod.scene.scene import Scene
 
 Array = npt.NDArray[np.float64]
@@ -101,12 +102,25 @@ def clones(scene: Scene, fit: Fit, asked: Sequence[Quantity], runs: int, seed: i
     estimate minus that mean.
     Draw i comes from SeedSequence(seed, spawn_key=(1, i)).
     """
-    names = uncertain(fit)
+    noise, known = acceleration_of(scene.nuisances), {*fit.estimate.names, *fit.estimate.left_out}
+    pulls = () if noise is None else tuple(name for name in noise.names if name in known)
+    names = (*uncertain(fit), *pulls)
     S, mean = fit.estimate.factor(names), fit.mean_errors.shift(fit.estimate, names)
-    deviations = [
-        dict(zip(names, (S @ generator(seed, DRAWING, i).standard_normal(S.shape[1]) - mean).tolist()))
-        for i in range(runs)
-    ]
+    rows = [S @ generator(seed, DRAWING, i).standard_normal(S.shape[1]) - mean for i in range(runs)]
+    draws = np.array(rows).reshape(runs, len(names))
+    orbit = len(names) - len(pulls)
+    deviations = [dict(zip(names[:orbit], row[:orbit].tolist())) for row in draws]
+    found, fates = _moved(scene, fit, asked, deviations)
+    if pulls:  # white accelerations act linearly, for an orbit cannot be flown with them
+        found = [points + draws[:, orbit:] @ one.partials_by(pulls).T for points, one in zip(found, asked)]
+    return found, fates
+
+
+def _moved(
+    scene: Scene, fit: Fit, asked: Sequence[Quantity], deviations: Sequence[Mapping[str, float]]
+) -> tuple[list[Array], list[Array]]:
+    """Displacements and fates of orbits moved by deviations."""
+    runs = len(deviations)
     fates = [np.full(runs, np.nan) for _ in asked]
     at_once = displacements(scene, fit, asked, deviations)
     if at_once is not None:

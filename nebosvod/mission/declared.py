@@ -127,6 +127,12 @@ class TruePlateScale(Twin):
     mean: Annotated[float, Field(ge=-0.1, le=0.1)] | None = None
 
 
+class TrueProcessNoise(Twin):
+    """What the process noise really is."""
+
+    velocity: SpeedSpread | None = None
+
+
 class TrueValue(Twin):
     """Where a value really lies, and how it scatters about that."""
 

@@ -67,7 +67,7 @@ class Source:
 
 
 def sources(telescopes: tuple[Telescope, ...], shared: tuple[Shared, ...], target: Target) -> Iterator[Source]:
-    """Every source of a mission: of each telescope, shared, and the photocentre of the object."""
+    """Every source of a mission: of each telescope, shared, the photocentre and the process noise of the object."""
     names = tuple(telescope.name for telescope in telescopes)
     for i, telescope in enumerate(telescopes):
         for group in OWN:
@@ -102,6 +102,15 @@ def sources(telescopes: tuple[Telescope, ...], shared: tuple[Shared, ...], targe
             telescopes=names,
             error=target.photocentre,
             path=("object", "photocentre"),
+        )
+    if target.process_noise is not None:
+        yield Source(
+            name="process noise",
+            group="process_noise",
+            keys=("process_noise", "process noise"),
+            telescopes=names,
+            error=target.process_noise,
+            path=("object", "process_noise"),
         )
 
 

@@ -27,7 +27,7 @@ from nebosvod.mission.orbit import (
     SbdbOrbit,
     StateOrbit,
 )
-from nebosvod.mission.uncertainty import Photocentre
+from nebosvod.mission.uncertainty import Photocentre, ProcessNoise
 from nebosvod.mission.values import (
     Uncertain,
     UncertainAcceleration,
@@ -416,6 +416,7 @@ class Target(Body):
     """The asteroid."""
 
     orbit: Orbit
+    process_noise: ProcessNoise | None = None
 
 
 def _parameter(name: str, group: str, item: Uncertain | None, factor: float = 1.0, key: str = "") -> Parameter:

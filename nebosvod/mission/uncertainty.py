@@ -7,7 +7,15 @@ from pydantic import Field
 
 from nebosvod.borders.treatment import Treatment
 from nebosvod.mission.covariance import MATRIX_SCHEMA, Array, read_matrix
-from nebosvod.mission.declared import TrueAmplitude, TrueBias, TruePlateScale, TruePosition, TrueTiming, twin_complaints
+from nebosvod.mission.declared import (
+    TrueAmplitude,
+    TrueBias,
+    TruePlateScale,
+    TruePosition,
+    TrueProcessNoise,
+    TrueTiming,
+    twin_complaints,
+)
 from nebosvod.mission.fields import (
     Angle,
     Block,
@@ -28,7 +36,7 @@ from nebosvod.mission.values import Uncertain
 from nebosvod.units import ARCSEC, DEG
 
 # What is uncertain about telescopes; an estimator's treatment, the budget and the mean ratio go by these words
-Group = Literal["bias", "position", "timing", "plate_scale", "photocentre"]
+Group = Literal["bias", "position", "timing", "plate_scale", "photocentre", "process_noise"]
 GROUPS: tuple[Group, ...] = get_args(Group)
 # A line that makes it uncertain, and where the line belongs
 EXAMPLES: Mapping[str, tuple[str, str]] = {
@@ -37,6 +45,7 @@ EXAMPLES: Mapping[str, tuple[str, str]] = {
     "timing": ("timing: {sigma: 1 s, treatment: considered}", "a telescope"),
     "plate_scale": ("plate_scale: {sigma: 1e-5, field: 10 arcmin, treatment: considered}", "a telescope"),
     "photocentre": ("photocentre: {sigma: 0.1, radius: 10 m, treatment: considered}", "object"),
+    "process_noise": ("process_noise: {velocity: 0.1 mm/s, over: 30 d, treatment: considered}", "object"),
 }
 WIDEST_FIELD = 10.0 * DEG + 1e-12  # of a telescope; beyond, a field is no plane
 Pair = tuple[float, float]
@@ -379,4 +388,44 @@ class Photocentre(Uncertain):
         return self.sigma is not None
 
 
-Error = Bias | Position | Timing | PlateScale | Photocentre
+class ProcessNoise(Block):
+    """White accelerations of the object that no force model has; they let its velocity walk."""
+
+    velocity: PositiveSpeed = Field(description="Sigma of the change of velocity on each axis in the time `over`")
+    over: PositiveDuration
+    intervals: Annotated[int, Field(ge=3, le=200, description="Of constant acceleration, over the measurements")] = 24
+    treatment: Treatment
+    true: TrueProcessNoise | None = Field(None, description="What it really is, where that is not as assumed")
+
+    def complaints(self) -> list[Complaint]:
+        """A twin stands beside something uncertain."""
+        return twin_complaints(self.true, True, self.treatment)
+
+    @property
+    def density_km2_s3(self) -> float:
+        """Density of its spectrum on each axis."""
+        return self.velocity**2 / self.over
+
+    @property
+    def truth(self) -> "ProcessNoise":
+        """What it really is."""
+        velocity = self.velocity if self.true is None or self.true.velocity is None else self.true.velocity
+        return self.model_copy(update={"velocity": velocity, "true": None})
+
+    @property
+    def true_mean(self) -> None:
+        """Its mean is zero."""
+        return None
+
+    @property
+    def sizes(self) -> tuple[str, ...]:
+        """How large it is, in words."""
+        return (f"{1e6 * self.velocity:.3g} mm/s over {self.over / 86400.0:.3g} d",)
+
+    @property
+    def has_sigma(self) -> bool:
+        """It always has one."""
+        return True
+
+
+Error = Bias | Position | Timing | PlateScale | Photocentre | ProcessNoise

@@ -14,6 +14,7 @@ from nebosvod.mission import Estimator
 from nebosvod.observation import Visibility, visibility
 from nebosvod.observation.measurement.exposures import row_order
 from nebosvod.scene.prior import PriorTable
+from nebosvod.scene.pulls import reached
 from nebosvod.scene.scene import PlannedScene, measured
 
 Array = npt.NDArray[np.float64]
@@ -171,4 +172,5 @@ def _runs(epochs: Array, seen: Mask) -> Array:
 def _with_sources(scene: PlannedScene) -> PlannedScene:
     """The scene with the sources of every telescope that now measures something."""
     exposures, sources, nuisances = measured(scene.mission, scene.telescopes, scene.visibilities, scene.ephemeris)
+    nuisances = tuple(reached(one, scene.trajectory) for one in nuisances)
     return replace(scene, exposures=exposures, sources=sources, nuisances=nuisances)

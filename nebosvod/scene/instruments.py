@@ -20,7 +20,7 @@ from nebosvod.mission import Telescope as TelescopeBlock
 from nebosvod.mission import spacecraft as said
 from nebosvod.mission.covariance import checked
 from nebosvod.mission.reading.places import asking
-from nebosvod.mission.uncertainty import Bias, Photocentre, PlateScale, Position, Timing
+from nebosvod.mission.uncertainty import Bias, Photocentre, PlateScale, Position, ProcessNoise, Timing
 from nebosvod.observation import (
     ArcBias,
     BiasDrift,
@@ -40,6 +40,7 @@ from nebosvod.observation import (
     Spacecraft,
     Telescope,
     TimingOffset,
+    WhiteAcceleration,
     WhitePosition,
     ZoneBias,
     read_oem,
@@ -52,6 +53,7 @@ from nebosvod.observation.earth import obscodes
 from nebosvod.observation.measurement.telescope import NoiseTruth
 from nebosvod.observation.spacecraft.orbit_table import read_orbit_table
 from nebosvod.scene.declared import Declared
+from nebosvod.scene.pulls import edges
 from nebosvod.timescale import Epoch
 
 Array = npt.NDArray[np.float64]
@@ -324,6 +326,19 @@ def _photocentre(source: Source, mission: Question, seeing: Seeing) -> Nuisance:
     )
 
 
+def _process_noise(source: Source, mission: Question, seeing: Seeing) -> Nuisance:
+    error = _of(ProcessNoise, source)
+    if not isinstance(mission, Mission):
+        raise TypeError(f"{source.name}: of a mission that is simulated")
+    return WhiteAcceleration(
+        name=source.name,
+        telescopes=seeing,
+        density_km2_s3=error.density_km2_s3,
+        edges_s=edges(mission, error.intervals),
+        treatment=error.treatment,
+    )
+
+
 def _of(kind: type[Kind], source: Source) -> Kind:
     """The block of a source as the kind its group promises."""
     if not isinstance(source.error, kind):
@@ -344,4 +359,5 @@ NUISANCES: Mapping[tuple[str, str], Callable[[Source, Question, Seeing], Nuisanc
     ("timing", "constant"): _timing,
     ("plate_scale", "constant"): _plate_scale,
     ("photocentre", "constant"): _photocentre,
+    ("process_noise", "constant"): _process_noise,
 }

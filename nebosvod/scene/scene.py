@@ -25,6 +25,7 @@ from nebosvod.observation.measurement.exposures import Exposures, row_order
 from nebosvod.scene.declared import Declared, as_assumed
 from nebosvod.scene.instruments import nuisance, telescopes
 from nebosvod.scene.logarithmic import LogarithmicForces
+from nebosvod.scene.pulls import reached
 from nebosvod.scene.sharing import ALONE, Shared, aimed, flown
 from nebosvod.timescale import SECONDS_PER_DAY, Epoch
 
@@ -136,6 +137,7 @@ def build_scene(mission: Mission, shared: Shared = ALONE) -> PlannedScene:
         )
         _require_seen(instruments, visibilities)
     exposures, sources, nuisances = measured(mission, instruments, visibilities, ephemeris, shared)
+    nuisances = tuple(reached(one, trajectory) for one in nuisances)
     return PlannedScene(
         mission=mission,
         ephemeris=ephemeris,
