@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.fft import irfft, next_fast_len, rfft
 
 from nebosvod.borders.compiled import plain_loop
 
@@ -114,6 +113,8 @@ def worst(series: Series) -> tuple[float, float]:
 
 def _peaks(series: Series, low: float, high: float, slowest: float, fastest: float) -> Iterator[tuple[float, float]]:
     """Decay and frequency of the highest peaks of the scan, each frequency once."""
+    from scipy.fft import next_fast_len, rfft  # 0.1 s of import, for this search alone
+
     correlation, cell = _autocorrelation(series, fastest)
     lags = cell * np.arange(len(correlation), dtype=np.float32)
     found = []
@@ -150,6 +151,8 @@ def _autocorrelation(series: Series, fastest: float) -> tuple[npt.NDArray[np.flo
     Times that lie on a lattice are placed exactly. Others are spread over four half-step cells by a cubic spline, whose
     transform is divided out again: good to a percent at the highest frequency, which is enough to find a peak.
     """
+    from scipy.fft import irfft, next_fast_len, rfft  # 0.1 s of import, for this search alone
+
     start = series.t[np.searchsorted(series.label, series.label, side="left")]
     cell = max(series.shortest, series.span / FINEST)
     place = (series.t - start) / cell

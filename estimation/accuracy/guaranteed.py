@@ -7,11 +7,10 @@ inflation that reconciles them.
 """
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse import csr_matrix, hstack, vstack
 
 from nebosvod.errors import GeometryError, InputError
 from nebosvod.estimation.accuracy.zonogon import Segments, largest
@@ -19,6 +18,9 @@ from nebosvod.estimation.problem.partition import Partition
 from nebosvod.estimation.problem.problem import LinearProblem
 from nebosvod.estimation.problem.square_root import covariance_factor
 from nebosvod.estimation.problem.whitening import raw_rows
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_matrix
 
 Array = npt.NDArray[np.float64]
 
@@ -49,7 +51,7 @@ class Bounds:
 class Polytope:
     """All unknowns xi with |right - A xi| <= bound (m,), and objective rows over xi."""
 
-    A: csr_matrix
+    A: "csr_matrix"
     right: Array
     bound: Array
 
@@ -177,6 +179,8 @@ def _over_all(partition: Partition, W: npt.ArrayLike, names: tuple[str, ...] | N
 
 def polytope(U: npt.ArrayLike, bounds: npt.ArrayLike, right: npt.ArrayLike | None = None) -> Polytope:
     """Polytope |right - U x| <= bounds for a small dense system."""
+    from scipy.sparse import csr_matrix  # 0.1 s of import, for this stage alone
+
     A = np.atleast_2d(np.asarray(U, dtype=np.float64))
     values = np.zeros(len(A)) if right is None else np.asarray(right, dtype=np.float64)
     limits = np.asarray(bounds, dtype=np.float64)
@@ -187,6 +191,8 @@ def polytope(U: npt.ArrayLike, bounds: npt.ArrayLike, right: npt.ArrayLike | Non
 
 def _polytope(problem: LinearProblem, partition: Partition, level: float) -> tuple[Polytope, Array]:
     """Rows of measurements over [free parameters | prior draws | white draws], then the boxes of the draws."""
+    from scipy.sparse import csr_matrix, hstack, vstack  # 0.1 s of import, for this stage alone
+
     n, p = problem.n, problem.p
     rows = raw_rows(problem, partition).reshape(n * p, -1)
     s = len(partition.estimated)
@@ -221,8 +227,10 @@ def _spread(partition: Partition) -> Array:
     return np.hstack(columns)
 
 
-def _white_columns(problem: LinearProblem, H: Array, Q: Array, rows: npt.NDArray[np.int64], name: str) -> csr_matrix:
+def _white_columns(problem: LinearProblem, H: Array, Q: Array, rows: npt.NDArray[np.int64], name: str) -> "csr_matrix":
     """Sparse columns of a white nuisance's unit draws, q for each touched measurement."""
+    from scipy.sparse import csr_matrix  # 0.1 s of import, for this stage alone
+
     n_r, p, _ = H.shape
     parts = _white_ends(H, Q, name).transpose(0, 2, 1)
     q = parts.shape[2]
@@ -246,12 +254,16 @@ def _square(root: Array) -> Array:
     return out
 
 
-def _identity(size: int) -> csr_matrix:
+def _identity(size: int) -> "csr_matrix":
+    from scipy.sparse import csr_matrix  # 0.1 s of import, for this stage alone
+
     return csr_matrix((np.ones(size), (np.arange(size), np.arange(size))), shape=(size, size))
 
 
-def _scaled(A: csr_matrix) -> tuple[csr_matrix, Array]:
+def _scaled(A: "csr_matrix") -> "tuple[csr_matrix, Array]":
     """Columns scaled to unit size: parameters differ by 1e12, the solver's tolerances do not."""
+    from scipy.sparse import csr_matrix  # 0.1 s of import, for this stage alone
+
     size = np.asarray(abs(A).max(axis=0).todense(), dtype=np.float64).reshape(-1)
     unit = np.where(size > 0.0, size, 1.0)
     return A @ csr_matrix((1.0 / unit, (np.arange(len(unit)), np.arange(len(unit))))), unit
@@ -269,6 +281,8 @@ def _solve(cost: Array, **system: Any) -> tuple[int, float]:
 
 def _primal(body: Polytope, bounds: Array, p: Array) -> float:
     """max p xi over the polytope."""
+    from scipy.sparse import vstack  # 0.1 s of import, for this stage alone
+
     A, unit = _scaled(body.A)
     limits = np.concatenate([body.right + bounds, bounds - body.right])
     size = float(np.abs(p / unit).max())  # the solver's tolerances are absolute here too
@@ -280,6 +294,8 @@ def _primal(body: Polytope, bounds: Array, p: Array) -> float:
 
 def _dual(body: Polytope, bounds: Array, p: Array) -> float:
     """min y right + sum |y_i| bound_i subject to A^T y = p: the same extreme from the other side."""
+    from scipy.sparse import hstack  # 0.1 s of import, for this stage alone
+
     A, unit = _scaled(body.A)
     transposed = A.T.tocsr()
     cost = np.concatenate([body.right + bounds, bounds - body.right])
@@ -289,6 +305,8 @@ def _dual(body: Polytope, bounds: Array, p: Array) -> float:
 
 def _inflation(body: Polytope) -> float:
     """Smallest factor on all bounds for which the polytope is not empty."""
+    from scipy.sparse import csr_matrix, hstack, vstack  # 0.1 s of import, for this stage alone
+
     A, _ = _scaled(body.A)
     column = csr_matrix(-body.bound[:, None])
     both = vstack([hstack([A, column]), hstack([-A, column])])
