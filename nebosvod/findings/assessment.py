@@ -96,7 +96,7 @@ def assess(
     leading = next((fit for fit in found if fit.problem.n <= blame.LARGE and not fit.own_gain), None)
     told = predicted[leading.estimator.name] if leading is not None else []
     show = scene.mission.report.show
-    shown = inside(scene, leading, show) if leading is not None and show else None
+    shown = inside(scene, leading, told, show) if leading is not None and show else None
     rows, points = _predictions(scene, fits, foretold, own), dict[str, Array]()
     if found and samples:
         rows, points = _with_drawn(scene, found[0], predicted[found[0].estimator.name], rows, seed)

@@ -1,9 +1,9 @@
-"""The inside of an estimate, where a mission asks to see it: information, gains, refined nuisances, smallness.
+"""The inside of an estimate, where a mission asks to see it: information, gains, refined nuisances, smallness, boxes.
 
 Names are those of Guo and Ivashkin 2018: D0, k_x0, k_c, k_z, z-hat_k, K_z and the smallness check (2.7).
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from nebosvod.engine.assembly import computed_psi, view
 from nebosvod.engine.fitting import Fit
+from nebosvod.engine.quantity import Quantity
 from nebosvod.errors import CoverageError, EventError, InputError
 from nebosvod.estimation import LinearProblem, Markov, White
 from nebosvod.estimation.accuracy.refined import refine
@@ -19,6 +20,7 @@ from nebosvod.estimation.problem.square_root import cholesky_rows, solve_rows, s
 from nebosvod.estimation.problem.whitening import add_white
 from nebosvod.estimation.solvers import batch
 from nebosvod.estimation.solvers.iteration import recentred
+from nebosvod.findings.boxes import Imitation, Realised, imitations, realised
 from nebosvod.mission.slugs import array_name
 from nebosvod.observation import residual
 from nebosvod.scene.prior import STATE_NAMES
@@ -72,11 +74,13 @@ class Inside:
     estimator: str
     information: Information | None
     smallness: Smallness | None
+    bounds: tuple[Realised, ...] | None
+    imitations: tuple[Imitation, ...] | None
     arrays: Mapping[str, Array]
 
 
-def inside(scene: Scene, fit: Fit, wanted: tuple[str, ...]) -> Inside:
-    """Show what a mission asks for, of "information", "gains", "nuisances" and "smallness"."""
+def inside(scene: Scene, fit: Fit, predicted: Sequence[Quantity], wanted: tuple[str, ...]) -> Inside:
+    """Show what a mission asks for, of "information", "gains", "nuisances", "smallness", "bounds" and "imitation"."""
     arrays: dict[str, Array] = {}
     told = information(fit.problem) if "information" in wanted else None
     if told is not None:
@@ -89,6 +93,8 @@ def inside(scene: Scene, fit: Fit, wanted: tuple[str, ...]) -> Inside:
         estimator=fit.estimator.name,
         information=told,
         smallness=smallness(scene, fit) if "smallness" in wanted else None,
+        bounds=realised(fit, predicted) if "bounds" in wanted else None,
+        imitations=imitations(fit) if "imitation" in wanted else None,
         arrays=arrays,
     )
 

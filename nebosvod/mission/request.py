@@ -385,7 +385,7 @@ class ForcePlan(Block):
         return found
 
 
-Shown = Literal["information", "gains", "nuisances", "smallness"]
+Shown = Literal["information", "gains", "nuisances", "smallness", "bounds", "imitation"]
 
 
 class ReportPlan(Block):
@@ -394,5 +394,7 @@ class ReportPlan(Block):
     sigma_level: Annotated[float, Field(gt=0.0, le=10.0, description="Size of the ellipses drawn")] = 3.0
     note: str | None = Field(None, max_length=5000, description="Free text, shown at the top")
     show: Several[Shown] = Field(
-        (), description="Of the first estimate: D0, gains and refined nuisances as arrays, and whether errors are small"
+        (),
+        description="Of the first estimate: D0, gains and refined nuisances as arrays, whether errors are small, "
+        "what errors in boxes allow after the measurements, and which motion a common error imitates",
     )

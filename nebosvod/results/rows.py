@@ -138,6 +138,28 @@ def inside(found: Inside) -> Row:
     if found.smallness is not None:
         small = found.smallness
         row["smallness"] = {"largest": number(small.largest), "rms": number(small.rms), "small": small.small}
+    if found.bounds is not None:
+        row["bounds"] = [
+            {
+                "prediction": one.prediction,
+                f"lower_{one.unit}": None if one.lower is None else one.lower.tolist(),
+                f"upper_{one.unit}": None if one.upper is None else one.upper.tolist(),
+                "level": LEVEL,
+                "inflation": one.inflation,
+                "n_measurements": one.measurements,
+                "reason": one.reason,
+            }
+            for one in found.bounds
+        ]
+    if found.imitations is not None:
+        row["imitations"] = [
+            {
+                "group": one.group,
+                "direction": one.direction,
+                "condition_number": number(one.condition_number),
+            }
+            for one in found.imitations
+        ]
     return row
 
 

@@ -157,13 +157,13 @@ def test_the_equations_of_motion_of_the_satellite_keep_their_integrals():
     """Far from gravity: energy and inertial momentum of body and wheels stay; and partials are differences."""
     example = load("satellite_wheels")
     A, w, h = example.rotation(np.array([0.3, -0.2, 0.5])), np.array([2e-3, -1e-3, 3e-3]), np.array([1e-3, 2e-3, -1e-3])
-    example.ORBIT = 0.0
+    vars(example)["ORBIT"] = 0.0
     B, v = A, w
     for k in range(20):
         B, v = example.turn(B, v, h, k * example.STEP, np.zeros(3))
     np.testing.assert_allclose(B.T @ (example.J @ v + h), A.T @ (example.J @ w + h), rtol=1e-5)
     assert v @ example.J @ v == pytest.approx(w @ example.J @ w, rel=1e-5)
-    example.ORBIT = 2.0 * np.pi / 5600.0
+    vars(example)["ORBIT"] = 2.0 * np.pi / 5600.0
     D, e = example.partials(A, w, h, 50.0), 1e-6
     for k in range(3):
         tilt = e * np.eye(3)[k]

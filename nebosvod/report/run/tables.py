@@ -173,10 +173,37 @@ def inside_table(run: RunFolder) -> Table | None:
         words = "small" if small["small"] else "not small"
         rows.append(("second-order terms over the noise, largest", Markup("{} ({})").format(
             quantity(small["largest"]), words)))  # fmt: skip
+    rows += [*_bound_rows(found), *_imitation_rows(found)]
     if found["arrays"]:
         rows.append(("arrays", ", ".join(found["arrays"])))
     caption = Markup("Inside the estimate of “{}”").format(found["estimator"])
     return Table(caption=caption, head=("quantity", "value"), align="ll", rows=tuple(rows))
+
+
+def _bound_rows(found: Item) -> list[tuple[Cell, ...]]:
+    """What errors in boxes allow about each prediction."""
+    rows: list[tuple[Cell, ...]] = []
+    for row in found.get("bounds") or []:
+        name = f"{row['prediction']}, errors within {row['level']:g} sigma"
+        if row["reason"] is not None:
+            rows.append((name, row["reason"]))
+            continue
+        lower, upper = (next(key for key in row if key.startswith(end)) for end in ("lower_", "upper_"))
+        text = ", ".join(f"{a:+.4g} to {b:+.4g}" for a, b in zip(row[lower], row[upper]))
+        if row["inflation"] > 1.0:
+            text += f"; the boxes contradict the measurements and were made {row['inflation']:.3g} times wider"
+        rows.append((name, f"{text} ({wording.scale_of(0.0, lower[6:])[1]})"))
+    return rows
+
+
+def _imitation_rows(found: Item) -> list[tuple[Cell, ...]]:
+    """Which motion each group of common errors looks like."""
+    rows: list[tuple[Cell, ...]] = []
+    for row in found.get("imitations") or []:
+        direction = ", ".join(f"{name} {weight:.3g}" for name, weight in row["direction"].items())
+        lost = row["condition_number"] is None
+        rows.append((f"{row['group']} imitates", f"{direction}{' (not told from it at all)' if lost else ''}"))
+    return rows
 
 
 def shift_table(run: RunFolder, estimator: Item) -> Table | None:
