@@ -21,6 +21,7 @@ from nebosvod.fits.ending import Verdict, arc_words, verdict
 from nebosvod.fits.general import General, estimate, widened
 from nebosvod.fits.growth import grow
 from nebosvod.fits.leading import Course, Led, convinced
+from nebosvod.fits.noise_factors import CLOSE, NoiseFactor, by_record, noise_factors
 from nebosvod.fits.selection import Selected, select
 from nebosvod.fits.shared_errors import Records, SharedError
 from nebosvod.mission import FitMission
@@ -38,6 +39,7 @@ from nebosvod.units import ARCSEC
 Array = npt.NDArray[np.float64]
 TRIED = 4  # starting orbits tried before the best of them is taken
 GOOD = 3.0  # chi squared for each selected observation, of which 2 are expected, below which no other start is tried
+ROUNDS_OF_FACTORS = 6  # of the noise of stations, each a fit anew
 MOST = 0.6  # of the observations that a good fit has selected
 
 
@@ -128,6 +130,9 @@ def fit_object(
         skies=_skies(resolved, epoch, lean_forces),
     )  # fmt: skip
     found = convinced(course, sky, wide, lean)
+    if mission.fit.noise_scale == "by_station":
+        say(f"{designation}: asking every station how large its noise is")
+        found = _scaled(course, found)
     material, sky, lean = found.material, found.sky, found.lean
     say(f"{designation}: estimating")
     values = dict(zip(solved, lean.correction.x[6:].tolist()))
@@ -145,6 +150,33 @@ def fit_object(
         found=found,
         verdict=verdict(found, general),
     )
+
+
+def _scaled(course: Course, found: Led) -> Led:
+    """The fit with the noise of each station as its residuals have it: factors and orbit in turn until they stand."""
+    base, station = found.material, found.material.astrometry.station
+    whole, total = np.ones(len(station)), dict[str, float]()
+    told: list[NoiseFactor] = []
+    for _ in range(ROUNDS_OF_FACTORS):
+        told = noise_factors(found.sky, found.lean, station, course.prior)
+        step = by_record(told, station)
+        if np.abs(step - 1.0).max(initial=0.0) <= CLOSE:
+            break
+        whole = whole * step
+        total |= {one.station: total.get(one.station, 1.0) * one.factor for one in told}
+        material = base.scaled(whole)
+        sky, wide = course.skies(material, found.lean.correction)
+        lean = select(
+            wide, found.lean.correction.x, course.forces, course.thresholds, selected=found.lean.selected,
+            prior=course.prior, near=found.lean.correction, limit=course.limit,
+        )  # fmt: skip
+        found = replace(found, material=material, sky=sky, wide=wide, lean=lean)
+    notices = []
+    for one in told:
+        factor = total.get(one.station, 1.0)
+        text = f"sigmas times {factor:.3g} +- {factor * one.sigma:.2g}"
+        notices.append(f"{one.station}: {text}, as the residuals of {counted(one.records, 'record')} have it")
+    return replace(found, material=replace(found.material, notices=(*found.material.notices, *notices)))
 
 
 def _records(material: Material, mission: FitMission) -> Records:

@@ -211,7 +211,11 @@ class FitPlan(Block):
     clock: Duration = Field(
         1.0, description="Sigma of the time of records on the ground that state none; 1 s if absent"
     )
-    noise_scale: PositiveNumber = Field(1.0, description="Factor on every sigma of the observations")
+    noise_scale: PositiveNumber | Literal["by_station"] = Field(
+        1.0,
+        description="Factor on every sigma of the observations; by_station: one of each station's own, as the "
+        "residuals have it",
+    )
     reference: Reference | None = None
 
     @property

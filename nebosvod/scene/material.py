@@ -108,6 +108,11 @@ class Material:
         rule = (self.rule.astype(object) + note).astype(np.str_)
         return replace(self, exposures=replace(self.exposures, sigma_rad=sigma, telescopes=made), rule=rule)
 
+    def scaled(self, factor: Array) -> "Material":
+        """The same with the sigmas of each record times a factor (n,), noted in the rule."""
+        note = np.array(["" if one == 1.0 else f", sigma x {one:.3g}" for one in factor.tolist()], dtype=object)
+        return self.lighter((factor[:, None] ** 2 - 1.0) * self.sigma_rad**2, note)
+
     def total_noise(self, seen: Observation) -> Array:
         """Covariance (n, 2, 2), rad^2, of all that is drawn anew at each record: noise, and places as stated."""
         R, places = self.exposures.noise(seen.rate), self.position_rows
@@ -205,7 +210,7 @@ def prepare(records: Astrometry, mission: FitMission, ephemeris: Ephemeris) -> M
     table = mission.beside(plan.debias) if plan.debias is not None else None
     with asking(mission, "fit", "debias"):
         correction, notices = debias.debias(records, table)
-    sigma = plan.noise_scale * found.sigma_rad
+    sigma = found.sigma_rad if plan.noise_scale == "by_station" else plan.noise_scale * found.sigma_rad
     made, index = _telescopes(places, sigma)
     return Material(
         astrometry=records,
