@@ -97,6 +97,10 @@ class GeometryError(NebosvodError):
         self.weak_direction = dict(weak_direction or {})
 
 
+class UnseenError(GeometryError):
+    """Nothing of a schedule can be seen."""
+
+
 class EventError(NebosvodError):
     """The physics ended the run early: an impact, or a start below a body's surface."""
 

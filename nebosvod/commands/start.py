@@ -66,7 +66,7 @@ def schema(of_fit: bool, of_study: bool, answer: str | None) -> int:
         click.echo(files(room).joinpath(name).read_text("utf-8"), nl=False)
         return 0
     if of_study:
-        from nebosvod.studies.question import study_schema
+        from nebosvod.studies.file import study_schema
 
         made = study_schema()
     else:

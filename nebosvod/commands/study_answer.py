@@ -9,6 +9,7 @@ import click
 from nebosvod.errors import counted
 from nebosvod.studies.axes import Axis
 from nebosvod.studies.question import Study
+from nebosvod.studies.requirement import words
 from nebosvod.studies.sampling import Points
 from nebosvod.studies.study import evaluate_row, plan, require_possible
 
@@ -70,8 +71,19 @@ def print_study(found: Mapping[str, Any], folder: Path) -> None:
         ranked = sorted(one["indices"], key=lambda row: -row["total"])
         said = ", ".join(f"{row['name']} {row['first_order']:.2f} (total {row['total']:.2f})" for row in ranked)
         click.echo(f"  {one['answer']} is moved by: {said or 'nothing that can be told'}")
+    for one in found["seen"]:
+        low, high = one["interval_95"]
+        where = ", ".join(f"{name} {_number(value)}" for name, value in one["where"].items())
+        click.echo(
+            f"  seen at all: {one['n_seen']} of {counted(one['n'], 'object')}, {100 * one['share']:.3g} % "
+            f"(95 %: {100 * low:.3g} to {100 * high:.3g} %){f'; {where}' if where else ''}"
+        )
     if found["find"]:
         click.echo(f"found: {found_words(found)}")
+    if found["require"]:
+        unit = next(one["unit"] for one in found["answers"] if one["name"] == found["require"]["answer"])
+        for line in words(found["require"], unit):
+            click.echo(line)
     lost = found["n_failed"] + found["n_without_answer"]
     if lost:
         click.echo(f"{counted(lost, 'point')} of {found['n_rows']} failed or have no answer, such as:", err=True)

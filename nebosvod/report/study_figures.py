@@ -383,5 +383,27 @@ def cloud_plate(axis: Item, answer: Item, columns: Columns) -> Plate:
     return chart.plate(f"{answer['name']} against {axis['name']}", caption, [data])
 
 
+def distribution_plate(answer: Item, columns: Columns) -> Plate:
+    """How many objects have at most so much of an answer."""
+    values = np.asarray(columns[answer["name"]], dtype=float)
+    x = np.sort(values[np.isfinite(values)])
+    share = np.arange(1, x.size + 1) / values.size
+    chart = Chart(f"distribution-{_key(answer['name'])}", height=252.0)
+    panel = chart.panel(
+        scale_of(x, titled(answer)), linear([0.0, 1.0], "share of all", pad=0.02), top=8.0, bottom=208.0
+    )
+    every = slice(None, None, max(1, x.size // MOST_SHOWN))
+    panel.open()
+    panel.line(
+        np.repeat(x[every], 2)[1:], np.repeat(share[every], 2)[:-1], answer["name"], stroke=BLUE, stroke_width=1.6
+    )
+    panel.close()
+    caption = Markup("Share of all rows with at most so much of <b>{}</b>; {} of {} have a value.").format(
+        answer["name"], x.size, values.size
+    )
+    data = csv(chart.key, {titled(answer): x[every], "share": share[every]})
+    return chart.plate(f"Distribution of {answer['name']}", caption, [data])
+
+
 def _key(name: str) -> str:
     return "".join(one if one.isalnum() and one.isascii() else "-" for one in name)

@@ -10,12 +10,13 @@ from markupsafe import Markup
 from nebosvod.report.kit.base import render
 from nebosvod.report.kit.download import Download, csv
 from nebosvod.report.kit.plate import Plate
-from nebosvod.report.kit.wording import count, join, quantity
+from nebosvod.report.kit.wording import DASH, count, join, percent, quantity
 from nebosvod.report.run.tables import Cell, Table
 from nebosvod.report.study_figures import (
     blame_plate,
     cloud_plate,
     curve_plate,
+    distribution_plate,
     front_plate,
     heat_plate,
     sensitivity_plate,
@@ -27,6 +28,7 @@ Item = Mapping[str, Any]
 Columns = Mapping[str, npt.NDArray[Any]]
 MOST_ROWS = 5000  # of the table that stands in the page
 KEYS = ("least", "median", "largest")
+OBJECT = "object"  # the column of a catalogue
 CLOUDS = 4  # axes of a sample that are shown
 
 
@@ -56,6 +58,9 @@ def make_study_page(found: Item, columns: Columns) -> str:
         blame=_blame(found, columns),
         sensitivities=[p for one in found["sensitivity"] if (p := sensitivity_plate(one, found))],
         front=front_plate(found, columns),
+        required=_required(found),
+        together=_together(found),
+        seen=_seen(found),
         answers=_answer_table(found),
         table=_download(found, columns),
     )
@@ -65,7 +70,7 @@ def _verdict(found: Item) -> Cell:
     """The answer in one sentence."""
     find = found["find"]
     if find is None:
-        return Markup("{}.").format(count(found["n_points"], "point"))
+        return _required_words(found) or Markup("{}.").format(count(found["n_points"], "point"))
     if not find["found"]:
         return Markup("No point keeps every condition: {}.").format(find["reason"])
     units = {one["name"]: _page_unit(one["unit"]) for one in (*found["vary"], *found["answers"])}
@@ -76,6 +81,21 @@ def _verdict(found: Item) -> Cell:
     least = "least" if find["direction"] == "minimise" else "largest"
     which = "that keeps every condition" if find["where"] else "of all points"
     return Markup("The {} {} {}: {}.").format(least, find["objective"], which, join(values))
+
+
+def _required_words(found: Item) -> Cell | None:
+    """What would do by itself, in a sentence."""
+    wanted = found["require"]
+    if wanted is None:
+        return None
+    each = [
+        Markup("{} {}").format(one["name"], quantity(one["needed"], _page_unit(one["unit"]), 4))
+        for one in wanted["each"]
+        if one["needed"] is not None
+    ]
+    if not each:
+        return Markup("{} {}: none of these things decides it by itself.").format(wanted["answer"], wanted["wanted"])
+    return Markup("{} {}, by one of these alone: {}.").format(wanted["answer"], wanted["wanted"], join(each, "or"))
 
 
 def _page_unit(unit: str) -> str:
@@ -99,6 +119,8 @@ def _varied(one: Item) -> Cell:
         return Markup("<b>{}</b> ({}): {} {}, {}").format(
             one["name"], join(one["set"]), ends, one["unit"], count(one["n_values"], "value")
         )
+    if not one["set"]:
+        return Markup("<b>{}</b>: {} of a catalogue").format(one["name"], f"{one['n_values']:,}")
     return Markup("<b>{}</b> ({}): {}").format(one["name"], join(one["set"]), join(str(v) for v in one["values"] or []))
 
 
@@ -117,19 +139,22 @@ def _trade(found: Item, columns: Columns) -> list[Plate]:
     """Curves of one axis, maps of two, clouds of a sample; answers that have values."""
     answers = [one for one in found["answers"] if not one["shares"] and one["n"]]
     axes = _shown_axes(found)
+    if any(one["name"] == OBJECT for one in found["vary"]):
+        return [distribution_plate(one, columns) for one in answers]
     if found["sample"]["method"] != "grid":
         numeric = [one for one in found["vary"] if one["numeric"]][:CLOUDS]
         return [cloud_plate(axis, answer, columns) for answer in answers[:2] for axis in numeric]
     if len(axes) == 2:
         return [heat_plate(found, answer, columns, axes) for answer in answers]
+    if not axes or not axes[0]["numeric"]:
+        return []
     slopes = {one["answer"]: one for one in found["slopes"]}
-    axis = found["vary"][0]
-    return [curve_plate(axis, one, columns, slopes.get(one["name"])) for one in answers] if axis["numeric"] else []
+    return [curve_plate(axes[0], one, columns, slopes.get(one["name"])) for one in answers]
 
 
 def _shown_axes(found: Item) -> list[Item]:
     """The two axes of the maps: numbers before words, as they stand in the file."""
-    several = [one for one in found["vary"] if one["n_values"] > 1]
+    several = [one for one in found["vary"] if one["n_values"] > 1 and one["name"] != OBJECT]
     return sorted(several, key=lambda one: not one["numeric"])[:2]
 
 
@@ -137,11 +162,64 @@ def _blame(found: Item, columns: Columns) -> list[Plate]:
     """Which source leads where, for each answer that is shares."""
     shares = [one for one in found["answers"] if one["shares"] and one["leading"]]
     axes = _shown_axes(found)
-    if found["sample"]["method"] != "grid" or not axes:
+    if found["sample"]["method"] != "grid" or not axes or any(one["name"] == OBJECT for one in found["vary"]):
         return []
     if len(axes) == 2:
         return [blame_plate(found, one, columns, axes) for one in shares]
     return [shares_plate(axes[0], one, columns) for one in shares] if axes[0]["numeric"] else []
+
+
+def _required(found: Item) -> Table | None:
+    """What is needed of each thing by itself."""
+    wanted = found["require"]
+    if wanted is None:
+        return None
+    unit = _page_unit(next(one["unit"] for one in found["answers"] if one["name"] == wanted["answer"]))
+    rows: list[tuple[Cell, ...]] = [
+        (
+            one["name"], quantity(one["now"], _page_unit(one["unit"]), 4),
+            quantity(one["needed"], _page_unit(one["unit"]), 4) if one["needed"] is not None else DASH,
+            one["verdict"], _end(one["floor"], unit), _end(one["without"], unit),
+        )
+        for one in wanted["each"]
+    ]  # fmt: skip
+    caption = Markup("What is needed of each, the others as they are, for {} {} (now {})").format(
+        wanted["answer"], wanted["wanted"], _end(wanted["now"], unit)
+    )
+    head: tuple[Cell, ...] = ("of", "now", "needed", "", "if it were perfect", "if nothing were known of it")
+    return Table(caption=caption, head=head, align="lrrlrr", rows=tuple(rows))
+
+
+def _end(value: float | None, unit: str) -> Cell:
+    return DASH if value is None else quantity(value, unit, 4)
+
+
+def _together(found: Item) -> Cell | None:
+    """All together at least cost, in a sentence."""
+    wanted = found["require"]
+    if wanted is None or not wanted["together"]:
+        return None
+    units = {one["name"]: _page_unit(one["unit"]) for one in wanted["each"]}
+    values = wanted["together"]["values"].items()
+    return Markup("Together at least cost: {}; cost {}, where all equally many times better cost {}.").format(
+        join(Markup("{} {}").format(name, quantity(value, units[name], 4)) for name, value in values),
+        quantity(wanted["together"]["cost"], "", 4), quantity(wanted["together"]["cost_equally"], "", 4),
+    )  # fmt: skip
+
+
+def _seen(found: Item) -> Table | None:
+    """How many objects of a catalogue are seen at all."""
+    if not found["seen"]:
+        return None
+    names = list(found["seen"][0]["where"])
+    rows: list[tuple[Cell, ...]] = []
+    for one in found["seen"]:
+        low, high = one["interval_95"]
+        where = [f"{value:.4g}" if _is_number(value) else str(value) for value in one["where"].values()]
+        share = Markup("{} ({} to {})").format(percent(one["share"]), percent(low), percent(high))
+        rows.append((*(where or ["all"]), f"{one['n_seen']} of {one['n']}", share))
+    head: tuple[Cell, ...] = (*(names or ["objects"]), "seen at all", "share, 95 % interval")
+    return Table(caption="Objects that are seen", head=head, align="l" * max(1, len(names)) + "rr", rows=tuple(rows))
 
 
 def _answer_table(found: Item) -> Table:

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from nebosvod.dynamics import Ephemeris, ForceModel, Nongrav, RadiationPressure, Trajectory
 from nebosvod.dynamics.constants import RADIUS_KM
 from nebosvod.dynamics.impact import carry, follow
-from nebosvod.errors import CoverageError, GeometryError, InputError
+from nebosvod.errors import CoverageError, InputError, UnseenError
 from nebosvod.mission import Mission, Question, Source
 from nebosvod.mission.orbit import ImpactOrbit
 from nebosvod.mission.reading.places import asking, place
@@ -214,7 +214,7 @@ def _require_seen(instruments: Sequence[Telescope], visibilities: Sequence[Visib
     if any(seen.visible.any() for seen in visibilities):
         return
     lines = [f"{telescope.name}: {seen.explain()}" for telescope, seen in zip(instruments, visibilities)]
-    raise GeometryError(
+    raise UnseenError(
         f"no epoch is visible; nothing to estimate from ({'; '.join(lines)}); loosen that limit or move the schedule"
     )
 

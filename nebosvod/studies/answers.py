@@ -67,6 +67,7 @@ COUNTS: Mapping[str, tuple[str, Callable[[Point], float | None]]] = {
     "first_seen_d": ("d", lambda point: float(point.times_s[0]) / 86400.0),
     "last_seen_d": ("d", lambda point: float(point.times_s[-1]) / 86400.0),
     "condition_number": ("", lambda point: point.estimate.condition_number),
+    "warning_time_d": ("d", lambda point: point.warning_s() / 86400.0),
 }
 
 
@@ -110,9 +111,10 @@ def _numbers(request: Prediction) -> dict[str, tuple[str, Callable[[Answered], f
     found[f"sigma_total_{unit}"] = word, lambda one: float(np.sqrt(np.sum(one.sigma**2)))
     if size == 2:
         found["angle_deg"] = "deg", lambda one: one.angle_deg
-    if request.plane in ENCOUNTER:
+    if request.plane in ENCOUNTER or isinstance(request, ValuePrediction):
         for k in range(size):
             found[f"mean_{unit}.{k}"] = word, _value(k)
+    if request.plane in ENCOUNTER:
         found["sigma_time_s"] = "s", lambda one: one.sigma_time_s
         found["impact_probability_linear"] = "", lambda one: one.impact_probability
         found["closest_distance_km"] = "km", lambda one: _fact(one, "distance_km")

@@ -36,6 +36,7 @@ class Axis:
     low, high : ends of a range, in `unit`; nan for a list.
     log : whether a range is even in its logarithm; whole : whether it has whole numbers only.
     steps : how many values the range has in a grid; 0 where the file does not say.
+    texts : what the table has of values that are no numbers; their own text where absent.
     """
 
     name: str
@@ -48,6 +49,13 @@ class Axis:
     log: bool = False
     whole: bool = False
     steps: int = 0
+    texts: tuple[str, ...] = ()
+
+    def changes(self, value: Tree) -> dict[str, Tree]:
+        """What a value changes in a mission, by path: itself at every path; without paths it says so itself."""
+        if self.paths:
+            return dict.fromkeys(self.paths, value)
+        return dict(value) if isinstance(value, dict) else {}
 
     @property
     def is_range(self) -> bool:
@@ -62,7 +70,10 @@ class Axis:
     def at_step(self, step: int) -> tuple[Tree, float | str]:
         """The value of a grid by its number: for the mission, and for the table."""
         if not self.is_range:
-            return self.values[step], self.numbers[step] if self.numbers is not None else _text(self.values[step])
+            value = self.values[step]
+            if self.numbers is not None:
+                return value, self.numbers[step]
+            return value, self.texts[step] if self.texts else _text(value)
         return self._said(float(self.grid()[step]))
 
     def grid(self) -> npt.NDArray[np.float64]:

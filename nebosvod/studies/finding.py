@@ -165,3 +165,34 @@ def indices(values: Array) -> tuple[Array, Array]:
     first = np.mean((b - centre)[:, None] * (mixed - a[:, None]), axis=0) / variance
     total = 0.5 * np.mean((a[:, None] - mixed) ** 2, axis=0) / variance
     return first, total
+
+
+def completeness(study: Study, columns: Columns) -> list[dict[str, Any]]:
+    """Of objects of a catalogue: how many are seen at all, by the values of what else is varied.
+
+    Notes
+    -----
+    The interval is that of Clopper and Pearson, for objects that are a sample: an orbit error or bias that all objects
+    share would make it wider.
+
+    References
+    ----------
+    Clopper, Pearson 1934, Biometrika 26, 404.
+    """
+    if study.catalogue is None:
+        return []
+    from scipy import stats
+
+    others = [axis.name for axis in study.axes if axis.name != "object"]
+    groups: dict[tuple[Any, ...], list[str]] = {}
+    keys = zip(*(columns[name].tolist() for name in others)) if others else iter([()] * len(columns["status"]))
+    for key, status in zip(keys, columns["status"].tolist()):
+        groups.setdefault(key, []).append(status)
+    rows = []
+    for key, statuses in groups.items():
+        n, seen = len(statuses), sum(one in ("ok", "no_answer") for one in statuses)
+        low = float(stats.beta.ppf(0.025, seen, n - seen + 1)) if seen else 0.0
+        high = float(stats.beta.ppf(0.975, seen + 1, n - seen)) if seen < n else 1.0
+        where = {name: _plain(value) for name, value in zip(others, key)}
+        rows.append({"where": where, "n": n, "n_seen": seen, "share": seen / n, "interval_95": [low, high]})
+    return rows

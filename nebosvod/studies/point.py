@@ -86,6 +86,11 @@ class Point:
         names = [one.name for one in self.scene.telescopes]
         return int(np.count_nonzero(self.scene.visibilities[names.index(telescope)].visible))
 
+    def warning_s(self) -> float:
+        """From the first measurement to the epoch of the orbit, which of kind impact is when it comes down."""
+        mission = self.scene.mission
+        return float((mission.object.orbit.epoch - mission.reference_epoch) - self.times_s[0])
+
     def _shares(self, W: Array, names: tuple[str, ...]) -> dict[str, float]:
         parts = {source: float(np.sum(f**2)) for source, f in self.estimate.predict(W, names).factors.items()}
         total = sum(parts.values())

@@ -3,147 +3,35 @@
 It is read like a mission: strictly, and with everything that is wrong at its line, before anything is computed.
 """
 
+import math
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
-from pydantic import Field, ValidationError
+from pydantic import ValidationError
 
 from nebosvod.borders.expression import Expression, as_word, read_expression
 from nebosvod.errors import InputError
 from nebosvod.mission import Mission, load_mission
-from nebosvod.mission.fields import Block, KeyPath, Parsed, Several, Text
+from nebosvod.mission.fields import KeyPath
 from nebosvod.mission.reading.explain import Explainer
 from nebosvod.mission.reading.reader import Editable
-from nebosvod.mission.yaml.yamlfile import Problem, YamlFile, parse_yaml, read_text, shown
+from nebosvod.mission.yaml.yamlfile import Problem, Tree, YamlFile, parse_yaml, read_text, shown
 from nebosvod.scene.sharing import Shared
 from nebosvod.studies.answers import Asked, read_answer
-from nebosvod.studies.axes import MOST_VALUES, Axis, in_unit, read_axis
-from nebosvod.studies.sampling import Points, Sample, read_sample
+from nebosvod.studies.axes import Axis, in_unit, read_axis
+from nebosvod.studies.catalogue import read_catalogue
+from nebosvod.studies.file import AxisBlock, StudyFile
+from nebosvod.studies.requirement import Needed, Requirement
+from nebosvod.studies.sampling import Points, Sample
 
-SCHEMA_VERSION = 1
-MOST_AXES, MOST_ANSWERS = 20, 50
 MOST_LINES = 50
 PROBED = 200  # values of a list that are tried on the mission before anything runs
-RESERVED = ("point", "draw", "status", "message", "cost")
+RESERVED = ("point", "draw", "object", "status", "message", "cost")
 _CONDITION = re.compile(r"\s*(<=|>=|<|>)\s*(.+?)\s*")
-
-SampleField = Annotated[
-    Sample,
-    Parsed(
-        read_sample,
-        {
-            "description": "How points are chosen",
-            "oneOf": [
-                {"const": "grid"},
-                {"type": "object", "required": ["kind"], "properties": {"kind": {"enum": ["grid", "sobol", "latin"]}}},
-                {"type": "object", "required": ["sobol"], "properties": {"sobol": {"type": "object"}}},
-                {"type": "object", "required": ["latin"], "properties": {"latin": {"type": "object"}}},
-            ],
-            "examples": ["grid", {"sobol": {"n": 1024}}, {"latin": {"n": 1000, "seed": 1}}],
-        },
-    ),
-]
-
-
-def _steps(value: Any) -> int | bool:
-    if isinstance(value, bool) or (isinstance(value, int) and 2 <= value <= MOST_VALUES):
-        return value
-    raise InputError(f"needs how many values the range has, 2 to {MOST_VALUES:,} (got {shown(str(value), 40)})")
-
-
-Steps = Annotated[
-    int | bool,
-    Parsed(_steps, {"oneOf": [{"type": "integer", "minimum": 2, "maximum": MOST_VALUES}, {"type": "boolean"}]}),
-]
-
-
-def _paths(value: Any) -> tuple[str, ...]:
-    found = [value] if isinstance(value, str) else value
-    if not isinstance(found, list) or not found or not all(isinstance(one, str) and one.strip() for one in found):
-        raise InputError("needs a path of the mission, such as telescopes.*.noise.sigma, or a list of paths")
-    return tuple(found)
-
-
-Paths = Annotated[
-    tuple[str, ...],
-    Parsed(
-        _paths,
-        {
-            "description": "Place in the mission, keys joined by points; in a list a name, an index, or * for all",
-            "oneOf": [{"type": "string"}, {"type": "array", "items": {"type": "string"}, "minItems": 1}],
-            "examples": ["telescopes.*.noise.sigma"],
-        },
-    ),
-]
-
-
-class AxisBlock(Block):
-    """One thing that is varied."""
-
-    set: Paths
-    values: Any = Field(
-        description="A range with units, or a list",
-        json_schema_extra={"oneOf": [{"type": "string"}, {"type": "array", "minItems": 1}]},
-        examples=["0.02 arcsec .. 1 arcsec", ["1 h", "6 h", "1 d"]],
-    )
-    log: Steps | None = Field(
-        default=None, description="Steps of a range, even in the logarithm; true where it is sampled"
-    )
-    linear: Steps | None = Field(default=None, description="Steps of a range, even; true where it is sampled")
-
-
-class AnswerBlock(Block):
-    """One number of a point."""
-
-    name: Text
-    of: Text = Field(description="Its path, as in summary.json", examples=["predictions.encounter.semi_axes_km.0"])
-
-
-class RepeatBlock(Block):
-    """How often a point is repeated with a truth and noise that are drawn."""
-
-    draws: Annotated[int, Field(ge=0, le=100_000)] = 0
-    seed: Annotated[int, Field(ge=0, le=2**63 - 1)] = 0
-    seeds: Annotated[int, Field(ge=1)] = 1
-
-    def complaints(self) -> list[tuple[KeyPath, str]]:
-        """More than one seed has a meaning only where something is drawn."""
-        if self.seeds > 1 and not self.draws:
-            return [(("seeds",), f"nothing is drawn, so {self.seeds} seeds give one answer; say draws: {self.seeds}")]
-        return []
-
-
-class FindBlock(Block):
-    """Which point is looked for."""
-
-    minimise: Text | None = None
-    maximise: Text | None = None
-    where: dict[str, Text] = Field(default_factory=dict, description='Conditions, such as {sigma: "< 1 km"}')
-    cost: str | int | float | None = Field(default=None, description="A formula of what is varied and of the answers")
-
-    def complaints(self) -> list[tuple[KeyPath, str]]:
-        """One objective, not two."""
-        if (self.minimise is None) == (self.maximise is None):
-            return [((), "needs minimise or maximise, one of them: a name of an answer, of what is varied, or cost")]
-        return []
-
-
-class StudyFile(Block):
-    """A study."""
-
-    schema_version: Annotated[int, Field(ge=1, le=SCHEMA_VERSION)]
-    study: Text = Field(description="Its name")
-    title: Text | None = None
-    mission: Text = Field(description="A mission file, beside this one, or a built-in mission")
-    vary: dict[str, AxisBlock] = Field(min_length=1, max_length=MOST_AXES)
-    sample: SampleField = Sample()
-    repeat: RepeatBlock = RepeatBlock()
-    answer: Annotated[Several[AnswerBlock], Field(min_length=1, max_length=MOST_ANSWERS)]
-    find: FindBlock | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -182,6 +70,7 @@ class Study:
     ----------
     text, path : of the file; path is None for text.
     drawn : how often each point is drawn; 0 for the covariance at the reference orbit.
+    catalogue : the file of the objects that take the place of the mission's.
     editable : makes the mission of a point; points : what is varied there.
     shared : what its points have in common.
     """
@@ -197,6 +86,8 @@ class Study:
     seed: int
     answers: tuple[Asked, ...]
     search: Search | None
+    requirement: Requirement | None
+    catalogue: Path | None
     editable: Editable = field(repr=False)
     points: Points
     shared: Shared = field(default_factory=Shared, repr=False)
@@ -214,6 +105,11 @@ class Study:
         begins = [f"predictions.{one.name}." for one in self.mission.predictions]
         asked = {start for start in begins for one in self.answers if one.of.startswith(start)}
         return frozenset(one.name for one, start in zip(self.mission.predictions, begins) if start in asked)
+
+    @property
+    def input_files(self) -> tuple[Path, ...]:
+        """Files beside the study and its mission that it reads."""
+        return (*self.mission.input_files, *([self.catalogue] if self.catalogue is not None else []))
 
     @property
     def rows(self) -> int:
@@ -263,6 +159,7 @@ class _Reading:
         self.block = block
         self.problems: list[Problem] = []
         self._explainer = explainer
+        self._first: dict[str, Tree] = {}  # what the first object of a catalogue changes
 
     def study(self, text: str, path: Path | None) -> Study | None:
         """The study, or None where the mission or something else is wrong."""
@@ -270,9 +167,14 @@ class _Reading:
         if mission is None:
             return None
         editable = Editable(mission)
+        catalogue = self._catalogue(path)
+        objects = self._objects(catalogue, editable) if catalogue is not None else None
         axes = [axis for name, one in self.block.vary.items() if (axis := self._axis(name, one, mission, editable))]
         answers = tuple(self._answers(mission))
         search = self._search(axes, answers)
+        requirement = self._requirement(mission, editable, answers)
+        if objects is not None:
+            axes.insert(0, objects)
         if self.problems:
             return None
         return Study(
@@ -287,6 +189,8 @@ class _Reading:
             seed=self.block.repeat.seed,
             answers=answers,
             search=search,
+            requirement=requirement,
+            catalogue=catalogue,
             editable=editable,
             points=Points(axes, self.block.sample),
         )
@@ -327,7 +231,7 @@ class _Reading:
         said: set[str] = set()
         for number, (value, _) in enumerate(trials):
             try:
-                editable.edited(dict.fromkeys(axis.paths, value))
+                editable.edited({**self._first, **axis.changes(value)})
             except InputError as error:
                 for line in str(error).split("\n"):
                     plain = re.sub(r"\[\d+\]", "[*]", line)
@@ -337,6 +241,77 @@ class _Reading:
                     if plain not in said:
                         self._say(place, line)
                     said.add(plain)
+
+    def _catalogue(self, path: Path | None) -> Path | None:
+        """The file of the objects."""
+        if self.block.objects is None:
+            return None
+        beside = path.parent if path is not None else Path()
+        return beside / self.block.objects.from_
+
+    def _objects(self, catalogue: Path, editable: Editable) -> Axis:
+        """Objects as an axis: each changes several places of the mission at once."""
+        wanted = self.block.objects
+        try:
+            rows = read_catalogue(catalogue)[: wanted.first if wanted is not None else None]
+        except InputError as error:
+            self._say(("objects", "from"), str(error))
+            rows = []
+        changes: list[dict[str, Tree]] = [
+            {"object.name": row["name"], "object.orbit": row["orbit"]}
+            | ({"object.magnitude": row["magnitude"]} if "magnitude" in row else {})
+            for row in rows
+        ]
+        names = tuple(str(row["name"]) for row in rows)
+        if changes:
+            self._first = dict(changes[0])
+            try:
+                editable.edited(self._first)
+            except InputError as error:
+                self._say(("objects", "from"), f"{catalogue}: its first object: {error}")
+        elif not self.problems:
+            self._say(("objects", "from"), f"{catalogue}: holds no objects")
+        return Axis(name="object", paths=(), values=(*changes,), texts=names)
+
+    def _requirement(self, mission: Mission, editable: Editable, answers: tuple[Asked, ...]) -> Requirement | None:
+        block = self.block.require
+        if block is None:
+            return None
+        asked = next((one for one in answers if one.name == block.of and not one.shares), None)
+        names = [one.name for one in self.block.answer]
+        if block.of not in names or (asked is None and any(one.name == block.of for one in answers)):
+            self._say(("require", "of"), _no_number(block.of, [one.name for one in answers if not one.shares]))
+        limit = math.nan
+        try:
+            limit = in_unit(block.at_most, asked.unit) if asked is not None else 1.0
+            if limit <= 0.0:
+                self._say(("require", "at_most"), f'is not more than 0 (got "{shown(block.at_most, 40)}")')
+        except InputError as error:
+            self._say(("require", "at_most"), str(error))
+        each = [one for name, paths in block.each.items() if (one := self._needed(name, paths, editable))]
+        cost = None
+        if block.cost is not None:
+            try:
+                cost = read_expression(block.cost, list(block.each))
+            except InputError as error:
+                self._say(("require", "cost"), str(error))
+        return Requirement(answer=block.of, limit=limit, text=f"at most {block.at_most}", each=tuple(each), cost=cost)
+
+    def _needed(self, name: str, paths: tuple[str, ...], editable: Editable) -> Needed | None:
+        """A thing with the value that the mission says for it."""
+        place: KeyPath = ("require", "each", name)
+        try:
+            said = editable.said(paths[0])
+            if said is None:
+                raise InputError(f"{paths[0]}: the mission says nothing there; give it a value first")
+            axis = read_axis(name, paths, [said], None, None)
+            if axis.numbers is None or axis.numbers[0] <= 0.0:
+                raise InputError(f'{paths[0]}: is no number above 0 (the mission says "{shown(str(said), 40)}")')
+            editable.edited({**self._first, **dict.fromkeys(paths, said)})
+        except InputError as error:
+            self._say(place, str(error))
+            return None
+        return Needed(name=name, paths=paths, unit=axis.unit, now=axis.numbers[0])
 
     def _answers(self, mission: Mission) -> Iterator[Asked]:
         taken: set[str] = {*self.block.vary, *RESERVED}
@@ -405,15 +380,3 @@ def _refusal(file: YamlFile, problems: list[Problem]) -> InputError:
     if len(lines) > MOST_LINES:
         lines[MOST_LINES:] = [f"{file.name}: and more; correct these first"]
     return InputError("\n".join(lines))
-
-
-def study_schema() -> dict[str, Any]:
-    """JSON Schema (draft 2020-12) of the file of a study."""
-    schema = StudyFile.model_json_schema(by_alias=True)
-    definitions = schema.pop("$defs")
-    return {
-        "$schema": "https://json-schema.org/draft/2020-12/schema",
-        "title": "nebosvod study",
-        **{key: value for key, value in schema.items() if key != "title"},
-        "$defs": dict(sorted(definitions.items())),
-    }

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nebosvod.results.result import Table, ecsv_text
-from nebosvod.studies.finding import found_point, pareto, sensitivities, slopes
+from nebosvod.studies.finding import completeness, found_point, pareto, sensitivities, slopes
 from nebosvod.studies.question import Study
 from nebosvod.studies.stored import require_parquet
 from nebosvod.version import __version__
@@ -95,7 +95,7 @@ def _parquet(table: StudyTable) -> bytes:
     return buffer.getvalue()
 
 
-def summary_of(study: Study, table: StudyTable) -> dict[str, Any]:
+def summary_of(study: Study, table: StudyTable, required: dict[str, Any] | None = None) -> dict[str, Any]:
     """What study.json holds: no time, no path, no count of workers in it."""
     columns, status = table.columns, table.columns["status"]
     failed, without = np.flatnonzero(status == "failed"), np.flatnonzero(status == "no_answer")
@@ -123,10 +123,12 @@ def summary_of(study: Study, table: StudyTable) -> dict[str, Any]:
             {"row": number, "status": str(status[number]), "message": str(columns["message"][number])}
             for number in told
         ],
+        "seen": completeness(study, columns),
         "find": found_point(study, columns),
         "pareto": pareto(study, columns),
         "slopes": slopes(study, columns),
         "sensitivity": sensitivities(study, columns),
+        "require": required,
     }
 
 

@@ -12,12 +12,14 @@ import numpy as np
 import numpy.typing as npt
 
 from nebosvod.borders.wholefile import refuse_link
-from nebosvod.errors import InputError, NebosvodError, OutputError
+from nebosvod.errors import InputError, NebosvodError, OutputError, UnseenError
+from nebosvod.mission.yaml.yamlfile import Tree
 from nebosvod.results.ownership import sha256_of
 from nebosvod.results.result import json_text
 from nebosvod.studies.chunked import ChunkedFolder, Kind
 from nebosvod.studies.point import Point, evaluate
 from nebosvod.studies.question import Study, load_study_text
+from nebosvod.studies.requirement import required
 from nebosvod.studies.results import StudyTable, summary_of
 from nebosvod.studies.stored import PAGE, PARQUET_ROWS, RECORD, RESULT, require_parquet
 from nebosvod.tasks.engine import Workers, run_tasks
@@ -26,7 +28,7 @@ from nebosvod.version import __version__
 MOST_ROWS = 10_000_000
 MOST_IN_CHUNK, FEWEST_CHUNKS = 100, 64
 LONGEST_MESSAGE = 400
-OK, NO_ANSWER, FAILED = "ok", "no_answer", "failed"
+OK, NO_ANSWER, UNSEEN, FAILED = "ok", "no_answer", "not_seen", "failed"
 KEYS = (
     "study", "study_sha256", "study_path", "mission_sha256", "inputs_sha256", "version", "rows", "chunk_rows",
 )  # fmt: skip
@@ -168,7 +170,7 @@ def run_study(
 
         run_tasks("nebosvod.studies.study:open_study", argument_of(study, held.size), missing, workers, keep)
         table = StudyTable.of(study, held.collected(study.rows))
-        found = summary_of(study, table)
+        found = summary_of(study, table, requirement_of(study))
         name, data = table.written(parquet or study.rows >= PARQUET_ROWS)
         files = {
             name: data,
@@ -182,6 +184,20 @@ def run_study(
     return found
 
 
+def requirement_of(study: Study) -> dict[str, Any] | None:
+    """What is required of each thing; None where nothing is asked."""
+    wanted = study.requirement
+    if wanted is None:
+        return None
+    asked = next(one for one in study.answers if one.name == wanted.answer)
+
+    def number(changes: Mapping[str, Any]) -> float:
+        value = asked.take(evaluate(study.editable.edited(changes), study.wanted, None, study.shared))
+        return float(value) if isinstance(value, float | int) else float("inf")
+
+    return required(wanted, number)
+
+
 def record_of(study: Study) -> dict[str, Any]:
     """What fixes every value of a study, and the size of its chunks."""
     return {
@@ -189,7 +205,7 @@ def record_of(study: Study) -> dict[str, Any]:
         "study_sha256": hashlib.sha256(study.text.encode("utf-8")).hexdigest(),
         "study_path": str(study.path.resolve()) if study.path is not None else None,
         "mission_sha256": study.mission.sha256,
-        "inputs_sha256": [sha256_of(path) for path in study.mission.input_files],
+        "inputs_sha256": [sha256_of(path) for path in study.input_files],
         "version": __version__,
         "rows": study.rows,
         "chunk_rows": max(1, min(MOST_IN_CHUNK, study.rows // FEWEST_CHUNKS)),
@@ -240,6 +256,8 @@ def evaluate_row(study: Study, number: int) -> tuple[str, str, list[Any]]:
     try:
         point = row(study, number)
         found = [one.take(point) for one in study.answers]
+    except UnseenError as error:
+        return UNSEEN if study.catalogue is not None else FAILED, str(error), [None] * len(study.answers)
     except NebosvodError as error:
         return FAILED, str(error), [None] * len(study.answers)
     except (ArithmeticError, LookupError, TypeError, ValueError) as error:
@@ -261,6 +279,8 @@ def _why(study: Study, point: Point, of: str, name: str) -> str:
 def row(study: Study, number: int) -> Point:
     """The point of a row, evaluated."""
     index, draw = divmod(number, max(1, study.drawn))
-    changes = {path: value for axis, (value, _) in zip(study.axes, study.points[index]) for path in axis.paths}
+    changes: dict[str, Tree] = {}
+    for axis, (value, _) in zip(study.axes, study.points[index]):
+        changes |= axis.changes(value)
     seed = (study.seed, index, draw) if study.drawn else None
     return evaluate(study.editable.edited(changes), study.wanted, seed, study.shared)

@@ -169,6 +169,22 @@ class Editable:
         self._tree: dict[str, Tree] = {**tree, "telescopes": plain}
         self._mission = mission
 
+    def said(self, path: str) -> Tree:
+        """What the mission says at a path, of several places (`*`) the first; None where it says nothing."""
+        node: Tree = self._tree
+        for step in path.split("."):
+            if isinstance(node, list):
+                names = [row.get("name") if isinstance(row, dict) else None for row in node]
+                number = (
+                    0 if step == "*" else names.index(step) if step in names else int(step) if step.isdigit() else -1
+                )
+                node = node[number] if 0 <= number < len(node) else None
+            elif isinstance(node, dict):
+                node = next(iter(node.values()), None) if step == "*" else node.get(step)
+            elif step != "value":  # the short form of an uncertain number
+                return None
+        return node
+
     def edited(self, changes: Mapping[str, Tree]) -> Mission:
         """The mission with other values at some paths (`mission.editing.edited`), checked as a file is.
 
@@ -197,7 +213,7 @@ class Editable:
             problems += [explainer.problem(*item) for item in wrong]
         if problems:
             raise InputError("\n".join(dict.fromkeys(one.text for one in problems)))
-        mission._path, mission._read_again = path, _read_again
+        mission._path = path  # and it was never read: its places are keys, not lines of a file that does not say them
         return mission
 
 

@@ -28,7 +28,7 @@ def test_a_study_is_read() -> None:
     assert study.search is not None
     assert study.search.conditions[0].limit == 10.0
     mission = study.editable.edited({"telescopes.*.noise.sigma": "0.2 arcsec", "schedule.*.cadence": "3 d"})
-    assert mission.with_("title", "x").telescopes[1].noise.sigma == pytest.approx(0.2 / 206264.80624709636)
+    assert mission.telescopes[1].noise.sigma == pytest.approx(0.2 / 206264.80624709636)
 
 
 WRONG = [

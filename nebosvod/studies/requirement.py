@@ -1,0 +1,224 @@
+"""How good each thing must be for a wanted answer: one at a time, and all together at least cost.
+
+Of each source of error: the largest value with which the answer is as wanted while the others stay as they are, what
+would be left if it were perfect (the floor, below which nothing done to this source brings the answer), and what there
+would be if it were a million times worse: where the two ends agree with what is now, it does not matter.
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from nebosvod.borders.expression import Expression
+from nebosvod.errors import NebosvodError
+
+Array = npt.NDArray[np.float64]
+REACH = 1e6  # factors tried, down and up
+REACH_DURATION = 32.0  # of a cadence: more measurements than this many times would only cost time
+DURATIONS = ("s", "ms", "min", "h", "d", "yr")
+HALVINGS = 40
+SAME = 1e-9  # relative, between ends that do not differ
+MOST_STEPS = 60
+SLACK = 1e-5  # relative, of the answer at the joint optimum
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Needed:
+    """One thing that may be better or worse.
+
+    Attributes
+    ----------
+    name : of it; paths : of the mission; unit : of its values; now : what the mission says.
+    """
+
+    name: str
+    paths: tuple[str, ...]
+    unit: str
+    now: float
+
+    def text(self, value: float) -> Any:
+        """As a mission says it."""
+        return f"{value!r} {self.unit}" if self.unit else value
+
+    @property
+    def reach(self) -> float:
+        """Largest factor that is tried."""
+        return REACH_DURATION if self.unit in DURATIONS else REACH
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Requirement:
+    """What is wanted, and of what.
+
+    Attributes
+    ----------
+    answer : name of the number; limit : what it may be at most, in its unit; text : the same as written.
+    cost : a formula of the names; None for the sum of now / value, by which twice as good costs twice as much.
+    """
+
+    answer: str
+    limit: float
+    text: str
+    each: tuple[Needed, ...]
+    cost: Expression | None
+
+    def cost_of(self, values: Mapping[str, float]) -> float:
+        """What some values cost."""
+        if self.cost is not None:
+            return float(self.cost(values))
+        return float(sum(one.now / values[one.name] for one in self.each))
+
+
+Number = Callable[[Mapping[str, Any]], float]
+
+
+def required(wanted: Requirement, number: Number) -> dict[str, Any]:
+    """What is needed of each by itself, and of all together.
+
+    Parameters
+    ----------
+    number : the answer of a mission with changes of some paths; raises where there is none.
+    """
+    tried: dict[tuple[float, ...], float] = {}
+
+    def answer(values: Mapping[str, float]) -> float:
+        key = tuple(values[one.name] for one in wanted.each)
+        if key not in tried:
+            changes = {path: one.text(values[one.name]) for one in wanted.each for path in one.paths}
+            try:
+                tried[key] = number(changes)
+            except NebosvodError:
+                tried[key] = math.inf
+        return tried[key]
+
+    now = {one.name: one.now for one in wanted.each}
+    together = _together(wanted, answer, now)
+    return {
+        "answer": wanted.answer,
+        "wanted": wanted.text,
+        "limit": wanted.limit,
+        "now": _finite(answer(now)),
+        "cost": wanted.cost.text if wanted.cost is not None else None,
+        "each": [_alone(wanted, one, answer, now) for one in wanted.each],
+        "together": together,
+        "evaluations": len(tried),
+    }
+
+
+def _alone(
+    wanted: Requirement, one: Needed, answer: Callable[[Mapping[str, float]], float], now: Mapping[str, float]
+) -> dict[str, Any]:
+    """What is needed of one thing, the others being as they are."""
+
+    def at(factor: float) -> float:
+        return answer({**now, one.name: one.now * factor})
+
+    floor, without = at(1.0 / one.reach), at(one.reach)
+    needed, said = None, ""
+    if floor > wanted.limit:
+        said = f"cannot do it alone: however good, {floor:.4g} remains"
+    elif without <= wanted.limit:
+        said = "does not matter: however bad, the answer is as wanted"
+    else:
+        needed = one.now * largest_factor(at, wanted.limit, 1.0 / one.reach, one.reach)
+        said = "must be better" if needed < one.now else "may be worse"
+    same = abs(without - floor) <= SAME * abs(floor) if math.isfinite(without) else False
+    return {
+        "name": one.name,
+        "set": list(one.paths),
+        "unit": one.unit,
+        "now": one.now,
+        "needed": needed,
+        "floor": _finite(floor),
+        "without": _finite(without),
+        "matters": not same,
+        "verdict": said,
+    }
+
+
+def largest_factor(at: Callable[[float], float], limit: float, low: float, high: float) -> float:
+    """The largest factor with which a growing number is within a limit, by halving its logarithm; 1e-6 of it."""
+    a, b = math.log(low), math.log(high)
+    for _ in range(HALVINGS):
+        middle = 0.5 * (a + b)
+        if at(math.exp(middle)) <= limit:
+            a = middle
+        else:
+            b = middle
+        if b - a < 1e-6:
+            break
+    return math.exp(a)
+
+
+def _together(
+    wanted: Requirement, answer: Callable[[Mapping[str, float]], float], now: Mapping[str, float]
+) -> dict[str, Any] | None:
+    """Values of all with which the answer is as wanted at the least cost; None where none are.
+
+    Notes
+    -----
+    Sequential quadratic programming in the logarithms of values, answer and cost, from the values that are equally
+    many times better or worse than now; partials are differences.
+    """
+    from scipy.optimize import minimize
+
+    names, start = [one.name for one in wanted.each], np.log([one.now for one in wanted.each])
+
+    def values(x: Array) -> dict[str, float]:
+        return dict(zip(names, np.exp(x).tolist()))
+
+    reach = min(one.reach for one in wanted.each)
+    if len(wanted.each) < 2 or not answer(values(start - math.log(reach))) <= wanted.limit:
+        return None
+    factor = largest_factor(lambda f: answer(values(start + math.log(f))), wanted.limit, 1.0 / reach, reach)
+    first = start + math.log(factor)
+    unit = wanted.cost_of(values(first))
+    if not (math.isfinite(unit) and unit > 0.0):
+        return None
+
+    def room(x: Array) -> float:
+        found = answer(values(x))
+        return math.log(wanted.limit / found) if math.isfinite(found) and found > 0.0 else -50.0
+
+    found = minimize(
+        lambda x: wanted.cost_of(values(x)) / unit,
+        first,
+        method="SLSQP",
+        bounds=[(s - math.log(one.reach), s + math.log(one.reach)) for s, one in zip(start, wanted.each)],
+        constraints=[{"type": "ineq", "fun": room}],
+        options={"maxiter": MOST_STEPS, "ftol": 1e-7, "eps": 1e-4},
+    )
+    best = found.x if room(found.x) > -SLACK and found.fun <= 1.0 else first
+    return {
+        "values": values(best),
+        "answer": _finite(answer(values(best))),
+        "cost": wanted.cost_of(values(best)),
+        "cost_equally": unit,
+        "converged": bool(found.success),
+    }
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def words(found: Mapping[str, Any], unit: str) -> Sequence[str]:
+    """What is needed, a line for each."""
+    lines = [f"wanted: {found['answer']} {found['wanted']} (now {_shown(found['now'])} {unit})".replace(" )", ")")]
+    for one in found["each"]:
+        needed = "" if one["needed"] is None else f": {one['needed']:.4g} {one['unit']}".rstrip()
+        now = f"{one['now']:.4g} {one['unit']}".rstrip()
+        lines.append(f"  {one['name']} (now {now}): {one['verdict']}{needed}")
+    if found["together"]:
+        units = {one["name"]: one["unit"] for one in found["each"]}
+        values = [f"{name} {value:.4g} {units[name]}".rstrip() for name, value in found["together"]["values"].items()]
+        lines.append(f"  together at least cost: {', '.join(values)}")
+    return lines
+
+
+def _shown(value: float | None) -> str:
+    return "unknown" if value is None else f"{value:.4g}"

@@ -1,0 +1,127 @@
+"""How good each thing must be: against closed forms."""
+
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from nebosvod.borders.expression import read_expression
+from nebosvod.cli import main
+from nebosvod.errors import GeometryError, InputError
+from nebosvod.studies.question import load_study_text
+from nebosvod.studies.requirement import Needed, Requirement, required
+
+A = {"noise": 3.0, "bias": 5.0, "position": 0.7}
+EACH = tuple(Needed(name=name, paths=(f"x.{name}",), unit="km", now=1.0 + k) for k, name in enumerate(A))
+REST = 2.0
+
+
+def quadratic(changes: Mapping[str, Any]) -> float:
+    """f^2 = rest^2 + sum (a v)^2: sources of error that nobody estimates."""
+    return math.sqrt(REST**2 + sum((a * float(changes[f"x.{name}"].split()[0])) ** 2 for name, a in A.items()))
+
+
+def wanted(limit: float, cost: str | None = None) -> Requirement:
+    formula = None if cost is None else read_expression(cost, list(A))
+    return Requirement(answer="f", limit=limit, text=f"at most {limit} km", each=EACH, cost=formula)
+
+
+def test_one_at_a_time_is_what_the_sum_of_squares_leaves() -> None:
+    found = required(wanted(11.0), quadratic)
+    now = quadratic({f"x.{one.name}": f"{one.now} km" for one in EACH})
+    assert found["now"] == pytest.approx(now)
+    for one, row in zip(EACH, found["each"]):
+        others = math.sqrt(now**2 - (A[one.name] * one.now) ** 2)
+        assert row["floor"] == pytest.approx(others, rel=1e-9)
+        if others > 11.0:
+            assert row["needed"] is None
+            assert "cannot do it alone" in row["verdict"]
+        else:
+            assert row["needed"] == pytest.approx(math.sqrt(11.0**2 - others**2) / A[one.name], rel=2e-6)
+    assert [row["needed"] is None for row in found["each"]] == [False, False, False] if now < 11.0 else True
+
+
+@pytest.mark.parametrize("limit", [6.0, 11.0, 40.0])
+def test_together_at_least_cost_is_lagranges_point(limit: float) -> None:
+    """Cost sum c/v under sum (a v)^2 = L^2: c / v^2 = 2 lambda a^2 v, so v goes with (c / a^2)^(1/3)."""
+    weights = {"noise": 1.0, "bias": 4.0, "position": 0.5}
+    found = required(wanted(limit, "1/noise + 4/bias + 0.5/position"), quadratic)["together"]
+    v = np.array([(weights[name] / A[name] ** 2) ** (1 / 3) for name in A])
+    v *= math.sqrt(limit**2 - REST**2) / np.linalg.norm(v * np.array(list(A.values())))
+    least = sum(c / x for c, x in zip(weights.values(), v))
+    assert found["cost"] == pytest.approx(least, rel=1e-4)
+    assert list(found["values"].values()) == pytest.approx(v.tolist(), rel=0.02)  # the cost is flat there
+    assert found["answer"] == pytest.approx(limit, rel=1e-4)
+    assert found["cost"] <= found["cost_equally"]
+
+
+def test_what_does_not_matter_and_what_nothing_helps_is_said() -> None:
+    rows = {row["name"]: row for row in required(wanted(1.0), quadratic)["each"]}
+    assert all("cannot do it alone" in row["verdict"] for row in rows.values())
+    assert required(wanted(1.0), quadratic)["together"] is None
+    constant = required(wanted(3.0), lambda changes: 2.0)
+    assert all(not row["matters"] for row in constant["each"])
+    assert all("does not matter" in row["verdict"] for row in constant["each"])
+
+
+def test_a_value_with_which_there_is_no_answer_is_as_bad_as_can_be() -> None:
+    def brittle(changes: Mapping[str, Any]) -> float:
+        if float(changes["x.noise"].split()[0]) > 2.0:
+            raise GeometryError("not observable")
+        return quadratic(changes)
+
+    (row, *_) = required(wanted(1e3), brittle)["each"]
+    assert row["without"] is None
+    assert row["needed"] == pytest.approx(2.0, rel=2e-6)
+
+
+TEXT = """\
+schema_version: 1
+study: how good
+mission: bare.yaml
+answer:
+  - {name: later, of: predictions.ten days later.semi_axes_km.0}
+require: {of: later, at_most: 5 km, each: {noise: telescopes.*.noise.sigma, cadence: schedule.*.cadence}}
+"""
+
+
+@pytest.fixture(scope="module")
+def place(minimal_text: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A mission in which noise is all that is uncertain."""
+    folder = tmp_path_factory.mktemp("require")
+    bare = minimal_text.replace("    bias: {sigma: 0.05 arcsec, treatment: estimated}\n", "")
+    bare = bare.replace("    position: {sigma: 3 km, correlation: white, treatment: estimated}\n", "")
+    bare = "\n".join(line.replace("treatment: estimated", "treatment: fixed") for line in bare.split("\n"))
+    (folder / "bare.yaml").write_text(bare, "utf-8")
+    (folder / "study.yaml").write_text(TEXT, "utf-8")
+    return folder
+
+
+def test_of_noise_alone_the_needed_noise_is_in_proportion(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["study", str(place / "study.yaml"), "-o", str(place / "o"), "--workers", "1", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    noise, cadence = found["require"]["each"]
+    assert noise["needed"] == pytest.approx(0.1 * 5.0 / found["require"]["now"], rel=2e-6)
+    assert noise["floor"] == pytest.approx(1e-6 * found["require"]["now"], rel=1e-6)
+    assert 1.0 / 32.0 < cadence["needed"] < 1.0
+    assert "How good it must be" in (place / "o" / "study.html").read_text("utf-8")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("of: later,", "of: latter,", r'study:6:15: require\.of: .*did you mean "later"'),
+        ("5 km", "5 s", r"study:6:31: require\.at_most: .*different kinds"),
+        ("5 km", "-5 km", r"require\.at_most: is not more than 0"),
+        ("noise.sigma", "noise.sgma", r"require\.each\.noise: .*says nothing there"),
+        ("noise.sigma", "name", r"require\.each\.noise: .*no number above 0"),
+        ("each: {", "cost: 1/nois, each: {", r'require\.cost: letter 3: .*did you mean "noise"'),
+    ],
+)
+def test_what_is_wrong_is_said_at_its_line(place: Path, old: str, new: str, said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        load_study_text(TEXT.replace(old, new), path=place / "s.yaml")
