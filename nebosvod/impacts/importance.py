@@ -83,6 +83,8 @@ def sample(
     weights = proposal.weights(scouts)
     seen = course.fly(scouts @ S.T, weights, last)
     hits = seen.body == body
+    if not hits.any():  # nothing there is in reach after all
+        return seen
     rate = effective(weights[hits]) / SCOUTS
     if np.count_nonzero(hits) > 10 * S.shape[0] and len(orbits) == 1:
         proposal = _about_hits(scouts[hits], weights[hits])

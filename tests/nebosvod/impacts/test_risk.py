@@ -1,16 +1,229 @@
 """Risk: every way finds what is published or known by a formula, and no hit is a bound."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import pytest
+from scipy.stats import chi, norm
 
+from nebosvod import UncertainOrbit, read_orbit
 from nebosvod.cli import main
+from nebosvod.dynamics import Ephemeris, ForceModel, find_encounters, propagate
+from nebosvod.dynamics.twobody import kepler
+from nebosvod.errors import ImpactError
+from nebosvod.impacts.approaches import approaches
+from nebosvod.impacts.cloud import draw
+from nebosvod.impacts.flight import Course
+from nebosvod.impacts.risk import Risk, risk
+from nebosvod.impacts.scales import palermo, torino
+from nebosvod.impacts.ways import Way
+from nebosvod.orbits.conversion import balanced_factor
+from nebosvod.timescale import SECONDS_PER_DAY, Epoch
 
+Array = npt.NDArray[np.float64]
 SHARED = Path(__file__).resolve().parents[3].parent / "shared"
 DATA = SHARED / "data" / "orbits"
+EXERCISE = SHARED / "data" / "impact" / "2026pdc27.epoch1.psv"
 needs_data = pytest.mark.skipif(not DATA.is_dir(), reason="the folder of reference data is not here")
+needs_exercise = pytest.mark.skipif(not EXERCISE.is_file(), reason="the folder of reference data is not here")
+V_INFINITY_KM_S, LEAD_S = 10.0, 7200.0
+
+
+@pytest.fixture(scope="module")
+def bodies() -> Ephemeris:
+    return Ephemeris.load()
+
+
+def way(row: Any, name: str) -> Any:
+    return next(one for one in row["ways"] if one["way"] == name)
+
+
+def one_way(found: Risk, name: str) -> Way:
+    (one,) = found.impactors
+    return next(way for way in one.ways if way.name == name)
+
+
+# -- the exercise 2026 PDC27 -------------------------------------------------------------------------------------------
+
+
+def exercise(folder: Path, first: int, last: int, draws: int) -> dict[str, Any]:
+    """Fit rows first to last of the exercise's observations, and ask for the risk."""
+    lines = EXERCISE.read_text("utf-8").splitlines()
+    head = [line for line in lines if line.startswith(("#", "provID"))]
+    rows = [line for line in lines if line not in head]
+    (folder / "pdc.psv").write_text("\n".join([*head, *rows[first - 1 : last]]) + "\n", "utf-8")
+    (folder / "pdc.yaml").write_text("schema_version: 1\nname: pdc\nfit: {observations: [pdc.psv]}\n", "utf-8")
+    assert main(["fit", str(folder / "pdc.yaml"), "-o", str(folder / "fit")]) == 0
+    asked = ["risk", str(folder / "fit"), "--until", "2039-01-01", "--bodies", "earth", "--draws", str(draws)]
+    assert main([*asked, "-o", str(folder / "risk")]) == 0
+    summary: dict[str, Any] = json.loads((folder / "risk" / "summary.json").read_text("utf-8"))
+    return summary
+
+
+@pytest.fixture(scope="module")
+def july_8(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """What was known on 8 July 2026: 22 observations."""
+    return exercise(tmp_path_factory.mktemp("pdc22"), 13, 34, 1000)
+
+
+@needs_exercise
+def test_the_exercise_has_a_thousandth_on_8_july(july_8: dict[str, Any]) -> None:
+    """Published 0.1 %; 0.0011 +- 0.0002 by 20,000 draws elsewhere. Three ways in a few thousand orbits."""
+    (row,) = july_8["virtual_impactors"]
+    assert row["recommended"] == "importance_sampling"
+    assert row["probability"] == pytest.approx(0.0011, abs=0.0004)
+    assert row["high"] - row["low"] < 2e-4
+    assert row["epoch_utc"].startswith("2038-07-10T05:3")
+    for name in ("linear", "line_of_variations"):
+        assert row["low"] * 0.95 < way(row, name)["probability"] < row["high"] * 1.05
+
+
+@needs_exercise
+def test_the_budget_of_the_exercise_hangs_on_its_only_source(july_8: dict[str, Any]) -> None:
+    """At the centre of a wide region P goes with 1/sigma: e = -1 (-0.77 +- 0.70 elsewhere), and twice P if halved."""
+    (row,) = july_8["virtual_impactors"]
+    (source,) = row["budget"]["rows"]
+    assert source["elasticity"] == pytest.approx(-1.0, abs=4.0 * source["elasticity_error"])
+    halved, error = source["probability_if_halved"], source["probability_if_halved_error"]
+    assert halved == pytest.approx(2.0 * row["probability"], abs=4.0 * error)
+    assert error < row["probability"]
+
+
+@needs_exercise
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("first", "last", "wanted", "within"),
+    [(13, 34, 0.0011, 0.0004), (1, 42, 0.154, 0.010), (1, 52, 0.184, 0.010)],
+    ids=["8 July", "12 July", "31 July"],
+)
+def test_the_three_checkpoints_of_the_exercise_by_20_000_draws(
+    tmp_path: Path, first: int, last: int, wanted: float, within: float
+) -> None:
+    """Published 0.1, 16 and 19 %; every way agrees with the drawn orbits."""
+    (row,) = exercise(tmp_path, first, last, 20_000)["virtual_impactors"]
+    assert way(row, "sampling")["low"] - within < wanted < way(row, "sampling")["high"] + within
+    for one in row["ways"]:
+        if one["draws"] == 0 or one["way"] == "importance_sampling":
+            assert one["probability"] == pytest.approx(wanted, abs=within)
+
+
+# -- made-up cases with known answers ----------------------------------------------------------------------------------
+
+
+def aimed(
+    bodies: Ephemeris, body: str, days: float, miss_sigmas: float, sigma_km: float
+) -> tuple[UncertainOrbit, Epoch, Callable[[float], float]]:
+    """An orbit that comes straight at a body, uncertain along a line in its target plane.
+
+    Returns the orbit at `days` before, the time, and a function from sigmas along the line to the smallest distance by
+    single flights. The estimate passes `miss_sigmas` sigmas from the orbit that would hit the centre.
+    """
+    when, gm = Epoch.parse("2030-05-01T00:00:00 TDB"), bodies.gm_km3_s2[body]
+    forces = ForceModel(ephemeris=bodies)
+    place, sun = (bodies.state_km_km_s(one, when, 0.0)[0] for one in (body, "sun"))
+    q = 0.2 * {"earth": 6378.0, "moon": 1737.4}[body]
+    far = kepler([0.0, q, 0.0, np.sqrt(V_INFINITY_KM_S**2 + 2.0 * gm / q), 0.0, 0.0], [-LEAD_S], gm)[0]
+    epoch = when + -days * SECONDS_PER_DAY
+    start = propagate(place - sun + far, when, [-days * SECONDS_PER_DAY], forces, False).state[0]
+    # across the path, a push that moves the point in the target plane by sigma_km
+    across = np.array([0.0, 0.0, 1.0]) - start[5] * start[3:] / (start[3:] @ start[3:])
+    push = np.concatenate([np.zeros(3), across / np.linalg.norm(across) * sigma_km / (days * SECONDS_PER_DAY)])
+    wide = np.hstack([push[:, None], np.diag([0.5, 0.5, 0.5, 1e-8, 1e-8, 1e-8])])
+    orbit = UncertainOrbit(
+        name=f"made up for {body}", epoch=epoch, state=start - miss_sigmas * push, factor=balanced_factor(wide)
+    )
+
+    def distance(sigmas: float) -> float:
+        span = (when - epoch) + 2.0 * SECONDS_PER_DAY
+        try:
+            one = propagate(orbit.state + sigmas * push, epoch, [span], forces, False)
+        except ImpactError as hit:
+            return -1.0 if hit.body == body else np.inf
+        return min(event.distance_km for event in find_encounters(one, body))
+
+    return orbit, when, distance
+
+
+def ends_of_hits(distance: Callable[[float], float], inside: float, reach: float) -> tuple[float, float]:
+    """Between which sigmas an orbit hits, by bisection of single flights."""
+    found = []
+    for side in (-reach, reach):
+        low, high = inside, inside + side
+        for _ in range(24):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if distance(middle) < 0.0 else (low, middle)
+        found.append(low)
+    return min(found), max(found)
+
+
+@pytest.mark.parametrize(
+    ("body", "miss", "sigma_km"), [("moon", 0.5, 4000.0), ("earth", 4.85, 60_000.0)], ids=["moon", "earth in a million"]
+)
+def test_every_way_has_the_chance_of_a_made_up_impactor(
+    bodies: Ephemeris, body: str, miss: float, sigma_km: float
+) -> None:
+    """The sigmas between which single flights hit, and the normal distribution between them."""
+    orbit, when, distance = aimed(bodies, body, 40.0, miss, sigma_km)
+    assert distance(miss) < 0.0
+    low, high = ends_of_hits(distance, miss, 1.0)
+    wanted = norm.cdf(high) - norm.cdf(low) if low < 0.0 else norm.sf(low) - norm.sf(high)
+    found = risk(orbit, when + 3.0 * SECONDS_PER_DAY, bodies, draws=2000, seed=3)
+    (one,) = found.impactors
+    assert one.body == body
+    assert abs((one.epoch - when) - LEAD_S) < 900.0
+    weighed = one_way(found, "importance_sampling")
+    assert weighed.low**1.7 / weighed.probability**0.7 < wanted < weighed.high**1.7 / weighed.probability**0.7
+    assert weighed.probability == pytest.approx(wanted, rel=0.2)
+    assert one_way(found, "line_of_variations").probability == pytest.approx(wanted, rel=0.05)
+    assert sum(way.draws for way in one.ways) <= 2e4
+    assert one.sigmas_line is not None
+    assert abs(one.sigmas_line) == pytest.approx(miss, abs=0.15 * sigma_km / 4000.0 / max(miss, 1.0))
+    if body == "earth":
+        assert 2e-8 < wanted < 2e-6
+        assert one_way(found, "sampling").is_bound
+        assert one.recommended == "importance_sampling"
+
+
+@pytest.mark.long
+def test_a_chance_of_a_millionth_is_that_of_shells_of_the_whole_space(bodies: Ephemeris) -> None:
+    """Directions all around and radii of the tail of a chi distribution: six dimensions, and no line."""
+    orbit, when, _ = aimed(bodies, "earth", 40.0, 4.85, 60_000.0)
+    end = when + 3.0 * SECONDS_PER_DAY
+    found = risk(orbit, end, bodies, draws=2000, seed=3, bodies=("earth",))
+    rng, inner, count = np.random.default_rng(8), 4.0, 1_500_000
+    direction = rng.standard_normal((count, 6))
+    direction /= np.linalg.norm(direction, axis=1)[:, None]
+    radius = chi(6).isf(chi(6).sf(inner) * rng.uniform(size=count))
+    course = Course(orbit=orbit, ephemeris=bodies, last=end, bodies=("earth",))
+    hits = sum(
+        int(course.fly((radius[part, None] * direction[part]) @ orbit.factor.T).hit.sum())
+        for part in np.array_split(np.arange(count), 15)
+    )
+    assert hits > 50
+    wanted = chi(6).sf(inner) * hits / count
+    assert one_way(found, "importance_sampling").probability == pytest.approx(wanted, rel=0.2 + 2.0 / np.sqrt(hits))
+
+
+@pytest.mark.long
+def test_importance_sampling_is_two_million_plain_draws_at_a_ten_thousandth(bodies: Ephemeris) -> None:
+    orbit, when, _ = aimed(bodies, "earth", 20.0, 3.0, 1.5e5)
+    end = when + 2.0 * SECONDS_PER_DAY
+    found = risk(orbit, end, bodies, draws=4000, seed=3, bodies=("earth",))
+    weighed = one_way(found, "importance_sampling")
+    course, rng, count = Course(orbit=orbit, ephemeris=bodies, last=end, bodies=("earth",)), np.random.default_rng(5), 0
+    for _ in range(20):
+        count += int(course.fly(draw(orbit, 100_000, rng)).hit.sum())
+    assert 100 < count < 1000
+    assert abs(count / 2e6 - weighed.probability) < 3.0 * np.hypot(
+        np.sqrt(count) / 2e6, (weighed.high - weighed.low) / 4
+    )
+
+
+# -- orbits of others --------------------------------------------------------------------------------------------------
 
 
 @needs_data
@@ -21,15 +234,75 @@ def test_2024_yr4_may_hit_the_moon_and_not_the_earth(tmp_path: Path, capsys: pyt
     assert main([*asked, "--json"]) == 0
     summary = json.loads(capsys.readouterr().out)
     assert summary == json.loads((folder / "summary.json").read_text("utf-8"))
-    one = next(row for row in summary["virtual_impactors"] if row["body"] == "moon")
+    (one,) = summary["virtual_impactors"]
+    assert one["body"] == "moon"
     assert one["probability"] == pytest.approx(0.04, abs=0.006)
     assert one["low"] < one["probability"] < one["high"]
     assert one["epoch_utc"].startswith("2032-12-22T15:1")
+    assert one["palermo"] is None
+    assert one["torino"] is None
     with np.load(folder / "arrays.npz") as arrays:
         assert arrays["deviations"].shape == (400, 6)
         hits = np.count_nonzero(arrays["hit_body"] == "moon")
-    assert hits == next(way["hits"] for way in one["ways"] if way["way"] == "sampling")
-    assert not any(row["body"] == "earth" and row["probability"] for row in summary["virtual_impactors"])
+    assert hits == way(one, "sampling")["hits"]
+
+
+@needs_data
+def test_apophis_in_2029_has_the_ellipse_of_its_draws_and_no_impact(bodies: Ephemeris) -> None:
+    """JPL's covariance: drawn orbits of the target plane have the moments of the linear ellipse."""
+    orbit, last = read_orbit(DATA / "sbdb" / "99942_phys.json"), Epoch.parse("2029-04-15 UTC")
+    found = risk(orbit, last, bodies, draws=400, bodies=("earth",))
+    assert not found.impactors
+    assert not found.cloud.hit.any()
+    linear = approaches(orbit, Epoch.parse("2029-04-01 UTC"), last, 0.05, bodies).found[0]
+    passage = next(one for one in found.cloud.passages if abs(one.epoch - linear.epoch) < SECONDS_PER_DAY)
+    assert linear.plane is not None
+    white = np.linalg.solve(
+        np.linalg.cholesky(linear.factor @ linear.factor.T),  # type: ignore[union-attr]
+        (passage.xi_zeta_km - linear.plane.coordinates_km).T,
+    )
+    roots = np.linalg.svd(white / np.sqrt(400.0), compute_uv=False)
+    assert 0.86 < roots.min() < roots.max() < 1.14  # 1 -+ (sqrt 2 + 1.4)/sqrt 400
+    assert np.nanmin(passage.distance_km) > 37_000.0
+
+
+QUIET = (
+    "neocc/433.ke0", "neocc/99942.ke0", "neocc/2023DZ2.ke1", "neocc/162173.ke1", "neocc/65803.ke0", "neocc/2022OB5.ke0",
+    "neocc/2022AP7.ke1", "neocc/2015AB.ke0", "neocc/2018CW2.ke1", "neocc/2023BU.ke0", "neocc/101955.ke0",
+    "sbdb/25143_phys.json", "sbdb/2023DZ2_phys.json", "sbdb/2022AP7_phys.json",
+)  # fmt: skip
+
+
+@needs_data
+@pytest.mark.parametrize(
+    "names", [pytest.param(QUIET[:2], id="2"), pytest.param(QUIET[2:], id="12 more", marks=pytest.mark.long)]
+)
+def test_orbits_that_come_near_nothing_raise_no_alarm(names: tuple[str, ...], bodies: Ephemeris) -> None:
+    """Excluded by JPL and ESA until 2050: no virtual impactor by any way."""
+    for name in names:
+        found = risk(read_orbit(DATA / name), Epoch.parse("2050-01-01 UTC"), bodies, draws=100)
+        assert not found.impactors, name
+
+
+@needs_data
+def test_an_impactor_that_is_certain_has_its_place(tmp_path: Path) -> None:
+    """2024 BX1 over Ribbeck: seen to break up near 52.6 N, 12.6 to 12.7 E at 00:32:40 UTC."""
+    asked = ["risk", str(DATA / "neocc" / "2024BX1.ke0"), "--until", "2024-02-01", "--draws", "300"]
+    assert main([*asked, "-o", str(tmp_path / "bx1")]) == 0
+    (one,) = json.loads((tmp_path / "bx1" / "summary.json").read_text("utf-8"))["virtual_impactors"]
+    assert one["probability"] == 1.0
+    assert one["recommended"] == "sampling"
+    ground = one["corridor"]["ground"]
+    assert (ground["latitude_deg"], ground["longitude_deg"]) == (
+        pytest.approx(52.6, abs=0.1),
+        pytest.approx(12.7, abs=0.1),
+    )
+    assert ground["epoch_utc"].startswith("2024-01-21T00:32:4")
+    assert ground["semi_major_km"] < 1.0
+    assert one["corridor"]["entry_100_km"]["epoch_utc"] < ground["epoch_utc"]
+
+
+# -- what is said ------------------------------------------------------------------------------------------------------
 
 
 @needs_data
@@ -46,10 +319,44 @@ def test_no_hit_is_a_bound_and_never_zero(capsys: pytest.CaptureFixture[str]) ->
         (["--until", "1990-01-01"], "--until: 1990-01-01T00:00:00 UTC is not after the epoch of the orbit"),
         (["--until", "2030-13-01"], "--until: "),
         (["--until", "2030-01-01", "--bodies", "vulcan"], '--bodies: "vulcan" is no target'),
+        (["--until", "2030-01-01", "--bodies", "earth,earth"], "each once"),
         (["--until", "2030-01-01", "--draws", "0"], "--draws: 0"),
+        (["--until", "2030-01-01", "--density", "1"], "--density: 1 kg/m3"),
+        (["--until", "2030-01-01", "--diameter", "0 m"], "--diameter: 0 m"),
+        (["--until", "2930-01-01"], "the ephemeris"),
     ],
 )
 @needs_data
 def test_wrong_input_is_said(options: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["risk", str(DATA / "sbdb" / "433_phys.json"), *options]) == 2
+    assert main(["risk", str(DATA / "sbdb" / "433_phys.json"), *options]) in (2, 3)
     assert said in capsys.readouterr().err
+
+
+@needs_data
+def test_an_orbit_without_a_covariance_or_with_an_indefinite_one_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    whole = json.loads((DATA / "sbdb" / "433_phys.json").read_text("utf-8"))
+    bare = tmp_path / "bare.json"
+    bare.write_text(json.dumps(whole | {"orbit": {k: v for k, v in whole["orbit"].items() if k != "covariance"}}))
+    assert main(["risk", str(bare), "--until", "2030-01-01"]) == 2
+    assert "cov=mat" in capsys.readouterr().err
+    whole["orbit"]["covariance"]["data"][0][0] = "-1e-12"
+    bare.write_text(json.dumps(whole))
+    assert main(["risk", str(bare), "--until", "2030-01-01"]) == 2
+    assert "not positive definite" in capsys.readouterr().err
+
+
+def test_the_palermo_scale_of_bennu_is_the_published_one() -> None:
+    """CNEOS, 2182-09-24: P 3.7e-4, 1.4e3 Mt, counted from 2021: -1.59 (Farnocchia et al. 2021: -1.42 cumulative)."""
+    assert palermo(1.0 / 2700.0, 1421.0, 161.0) == pytest.approx(-1.59, abs=0.02)
+
+
+@pytest.mark.parametrize(
+    ("probability", "energy", "wanted"),
+    [(0.027, 1430.0, 4), (0.031, 7.8, 3), (1.8e-3, 4.5, 1), (0.1, 0.01, 0), (4e-6, 510.0, 0), (1.0, 50.0, 8)],
+    ids=["2004 MN4", "2024 YR4", "2023 DW", "2010 RF12", "Apophis in 2009", "certain"],
+)
+def test_the_torino_scale_is_that_of_published_cases(probability: float, energy: float, wanted: int) -> None:
+    assert torino(probability, energy, 20.0) == wanted
+    assert torino(probability, energy, 101.0) is None
