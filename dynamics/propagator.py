@@ -9,6 +9,7 @@ import numpy.typing as npt
 from nebosvod.borders.quantities import bordered
 from nebosvod.dynamics import integrator
 from nebosvod.dynamics.collision import require_no_impact, require_start_above
+from nebosvod.dynamics.constants import SPEED_OF_LIGHT_KM_S
 from nebosvod.dynamics.dense import join
 from nebosvod.dynamics.ephemeris import BEYOND_S
 from nebosvod.dynamics.model import ForceModel, Physics, arc_of
@@ -22,6 +23,8 @@ TOLERANCE, TIGHTEST, LOOSEST = 1e-10, 1e-16, 1e-3
 NO_GUIDES = ((NO_STEPS, NO_NODES),) * 2
 SLIGHTLY = 8.0  # a margin of so small a part of a step is the step's own
 MOST_GUIDED = 5000  # steps that others may follow, for which 8 kB of ephemeris are kept each: two centuries
+AMPLE = 1.05  # of the light time from the Sun: the observer and the barycentre are elsewhere
+MOST_DOUBLED = 10  # of a margin: 44,000 au
 OWN_TIDE = 1e-10  # s^-2: GM/r^3 at ten radii of an asteroid of 0.4 g/cm^3
 
 
@@ -34,7 +37,7 @@ def propagate(
     sensitivities: bool = True,
     *,
     tolerance: float = TOLERANCE,
-    margin_s: float = BEYOND_S,
+    margin_s: float | None = None,
     grid: Trajectory | None = None,
     solid: bool = True,
     most_steps: int = integrator.MOST_STEPS,
@@ -51,7 +54,8 @@ def propagate(
     sensitivities : whether Phi and zeta are integrated.
     tolerance : last Legendre coefficient of the acceleration over a step, relative; from 1e-16 to 1e-3.
     margin_s : how far before the first time the trajectory reaches, so that light-time solutions find their emission
-        time inside it; cut six hours before the start of the ephemeris.
+        time inside it; by default six hours, and for an orbit that may be beyond 40 au twice, four times ... as much;
+        cut six hours before the start of the ephemeris.
     grid : a trajectory of a near orbit, such as the last iteration of a fit: its steps, the ephemeris at their nodes
         and its accelerations as a first guess are used again where epoch, span and bodies are the same and every step
         passes the error check; otherwise the orbit gets steps of its own. It changes the time taken, and the result by
@@ -80,7 +84,9 @@ def propagate(
     if not TIGHTEST <= tolerance <= LOOSEST:
         raise InputError(f"tolerance: needs a number from {TIGHTEST} to {LOOSEST} (got {tolerance})")
     ahead = low >= 0.0  # before the epoch nothing but the margin
-    low, high, window, sun, physics = arc_of(forces, epoch, min(0.0, low), max(0.0, high), margin_s)
+    gm_sun = forces.ephemeris.gm_km3_s2["sun"]
+    margin = _light_time(start, min(0.0, low), gm_sun) if margin_s is None else margin_s
+    low, high, window, sun, physics = arc_of(forces, epoch, min(0.0, low), max(0.0, high), margin)
     barycentric = start[None] + sun
     if solid:
         require_start_above(start, epoch, forces)
@@ -119,6 +125,22 @@ def propagate(
     if solid:
         require_no_impact(trajectory, table.steps.tide)
     return trajectory
+
+
+def _light_time(start: Array, low_s: float, gm_sun: float) -> float:
+    """Six hours times a power of two: the light time from where an orbit is at `low_s`, at the farthest.
+
+    In steps, so that near orbits have one span. The farthest is twice the semi-major axis, or what the speed allows.
+    """
+    x, y, z, vx, vy, vz = start.tolist()
+    distance, speed = math.hypot(x, y, z), math.hypot(vx, vy, vz)
+    farthest = distance - speed * low_s  # farther out it is slower
+    if distance > 0.0 and speed * speed < 2.0 * gm_sun / distance:
+        farthest = min(farthest, 2.0 / (2.0 / distance - speed * speed / gm_sun))
+    needed = AMPLE * farthest / SPEED_OF_LIGHT_KM_S
+    return (
+        BEYOND_S if needed <= BEYOND_S else BEYOND_S * 2.0 ** min(math.ceil(math.log2(needed / BEYOND_S)), MOST_DOUBLED)
+    )
 
 
 def _reaches_back(forward: Steps | None, low_s: float) -> bool:

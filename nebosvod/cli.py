@@ -132,10 +132,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     debug = "--debug" in argv
     argv = [word for word in argv if word != "--debug"]  # so that it may stand anywhere
-    with interruptible(), patient_streams(), warnings.catch_warnings():
+    with interruptible() as lost, patient_streams(), warnings.catch_warnings():
         show = warnings.showwarning
         warnings.showwarning = lambda message, kind, *place: _show_warning(show, message, kind, *place)
-        return _answered(argv, debug)
+        try:
+            return _answered(argv, debug, lost.is_set)
+        except KeyboardInterrupt:  # while a failure was told
+            return _interrupted()
 
 
 def entry() -> NoReturn:
@@ -160,8 +163,17 @@ def _lines(message: str, argv: Sequence[str]) -> list[str]:
     return [printable(line) for line in message.split("\n")]
 
 
-def _answered(argv: Sequence[str], debug: bool) -> int:
-    """Run a command; whatever goes wrong becomes a sentence and an exit code."""
+def _interrupted() -> int:
+    """Say so."""
+    click.echo("interrupted; nothing half-written is left", err=True)
+    return EXIT_INTERRUPTED
+
+
+def _answered(argv: Sequence[str], debug: bool, broken_into: Callable[[], bool]) -> int:
+    """Run a command; whatever goes wrong becomes a sentence and an exit code.
+
+    Where an interrupt was swallowed (`broken_into`), as in a compiler's callback, what fails after it is its doing.
+    """
     try:
         return _invoke(argv)
     except NebosvodError as error:
@@ -176,8 +188,7 @@ def _answered(argv: Sequence[str], debug: bool) -> int:
         error.show()
         return EXIT_INPUT
     except (KeyboardInterrupt, click.Abort):
-        click.echo("interrupted; nothing half-written is left", err=True)
-        return EXIT_INTERRUPTED
+        return _interrupted()
     except OSError as error:  # what no stage turned into a sentence of its own: disk, permission, memory of the system
         if debug:
             raise
@@ -192,6 +203,8 @@ def _answered(argv: Sequence[str], debug: bool) -> int:
     except Exception:  # the last resort: a file instead of a traceback
         if debug:
             raise
+        if broken_into():
+            return _interrupted()
         path = _crash_file(argv)
         click.echo(f"internal error in nebosvod {__version__}; details: {path}; please report it", err=True)
         return EXIT_INTERNAL

@@ -16,6 +16,8 @@ P = TypeVar("P")  # a point: wherever the problem is linearised
 S = TypeVar("S")  # a step, in the caller's own words
 ARMIJO = 1e-4
 SHORTEST = 2.0**-20
+EFFORT = 4  # points tried a step allowed, over the whole iteration: one that crawls is not going to converge
+LEAST_TRIES = 40
 GROWTH = 0.01  # of a cost, which second-order terms may add to what a linear step makes of it
 
 
@@ -82,7 +84,7 @@ def descend(
     solve : the full step from a point, whose cost is told.
     attempt : the point that lies a fraction of a step on; None where there is none.
     tolerance : convergence when a full step is no longer than this, in sigmas.
-    limit : number of steps allowed.
+    limit : number of steps allowed; and on average `EFFORT` points tried for each.
     round_off : of a cost, which must not stop an iteration that stands at its minimum.
     damped : False takes every step whole: for a solver with a gain of its own, whose estimate is not the minimum of
         this cost. Such an iteration has converged only if its cost has not grown beyond what its own first step, in a
@@ -96,6 +98,7 @@ def descend(
     costs = [cost]
     lengths: list[float] = []
     fractions: list[float] = []
+    tries, most_tries = 0, max(EFFORT * limit, LEAST_TRIES)
     step = solve(point, cost)
     allowed = cost if damped else max(cost, cost - step.promised)
     while True:
@@ -117,10 +120,15 @@ def descend(
         begun = (point, step)
 
         def tried(fraction: float, begun: tuple[P, Step[S]] = begun) -> Trial[P] | None:
-            return attempt(*begun, fraction)
+            nonlocal tries
+            tries += 1
+            return attempt(*begun, fraction) if tries <= most_tries else None
 
         bound = costs[-1] + round_off * max(costs[-1], 1.0)
         found = shortened(tried, bound, step.promised) if damped else (tried(1.0), 1.0)
+        if tries > most_tries:
+            status = Status.ITERATION_LIMIT
+            break
         if found is None or found[0] is None:
             status = Status.DIVERGED
             break

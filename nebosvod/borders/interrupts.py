@@ -18,15 +18,17 @@ def _interrupt(signum: int, frame: object) -> NoReturn:
 
 
 @contextmanager
-def interruptible() -> Iterator[None]:
+def interruptible() -> Iterator[threading.Event]:
     """Both signals raise KeyboardInterrupt inside, and do so again where that was swallowed.
 
-    A signal may meet a library's callback or the end of an object: Python prints such an exception and goes on.
+    A signal may meet a library's callback or the end of an object: Python prints such an exception and goes on. The
+    event that is given is set then: what fails next may have failed of it.
     """
+    lost = threading.Event()
     try:
         before = signal.signal(signal.SIGTERM, _interrupt)
     except ValueError:  # not in the main thread: signals are the host program's business
-        yield
+        yield lost
         return
     lock, over, shown = threading.Lock(), threading.Event(), sys.unraisablehook
 
@@ -35,17 +37,18 @@ def interruptible() -> Iterator[None]:
             if not over.is_set():
                 signal.raise_signal(signal.SIGTERM)
 
-    def swallowed(lost: "sys.UnraisableHookArgs") -> None:
-        if not issubclass(lost.exc_type, KeyboardInterrupt):
-            shown(lost)
+    def swallowed(told: "sys.UnraisableHookArgs") -> None:
+        if not issubclass(told.exc_type, KeyboardInterrupt):
+            shown(told)
             return
+        lost.set()
         timer = threading.Timer(AGAIN_S, again)
         timer.daemon = True
         timer.start()
 
     sys.unraisablehook = swallowed
     try:
-        yield
+        yield lost
     finally:
         with lock:
             over.set()

@@ -277,7 +277,7 @@ def _first_orbit(
             best = (merit, grown, start)
         if merit < GOOD and grown.selected.mean() > MOST and grown.correction.status is Status.CONVERGED:
             break
-    if best is None and uncovered is not None:
+    if best is None and uncovered is not None and not _covered(material, epoch, first, last):
         raise uncovered
     if best is None:
         text = "no starting orbit can be followed over the arc"
@@ -292,6 +292,12 @@ def _first_orbit(
     ):  # 0h may lie outside an arc of minutes, and the vague orbit of such an arc run into a body before
         return at, grown.correction.state, grown.selected, origin
     return epoch, np.array(state), grown.selected, origin
+
+
+def _covered(material: Material, epoch: Epoch, first: Epoch, last: Epoch) -> bool:
+    """Whether all observations lie between two epochs; an orbit of thousands of au may leave the arc by its light."""
+    low, high = material.sky(epoch).span_s
+    return first - epoch <= low and high <= last - epoch
 
 
 def _origin(start: StartingOrbit, material: Material) -> str:

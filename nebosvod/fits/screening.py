@@ -88,7 +88,7 @@ def promising(
     left = groups.sums(np.where(used, size**2, 0.0)) - _explained(M, slope, slice(0, 5))
     nights = groups.sums(np.concatenate([[True], night[1:] != night[:-1]]))
     bias, clock, both = (_explained(M, slope, kind) for kind in (slice(0, 2), slice(4, 5), slice(0, 4)))
-    best = np.maximum(np.maximum(bias, clock), np.where(np.isfinite(bias), both - bias, both))
+    best = np.maximum(np.maximum(bias, clock), both - np.where(np.isfinite(bias), bias, 0.0))
     return np.asarray(best > least * _scatter(left, count, nights))
 
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from nebosvod.dynamics import Ephemeris, ForceModel, integrator, propagate
-from nebosvod.dynamics.constants import ASTEROID_RADIUS_KM, DAY_S
+from nebosvod.dynamics.constants import ASTEROID_RADIUS_KM, AU_KM, DAY_S, SPEED_OF_LIGHT_KM_S
 from nebosvod.dynamics.ephemeris import ASTEROIDS
 from nebosvod.dynamics.frames import R_icrf_from_ecliptic
 from nebosvod.dynamics.model import arc_of
@@ -246,6 +246,22 @@ def test_light_time_before_the_first_time_is_covered(full_forces: ForceModel, ne
     ahead = propagate(start, epoch, [0.0, 10 * DAY_S], full_forces)
     assert ahead.span_s[0] <= -500.0
     assert ahead.at([-499.0]).state.shape == (1, 6)
+
+
+@pytest.mark.parametrize(
+    ("distance_au", "speed_km_s", "days"),
+    [(39.0, 4.6, 0.0), (50.0, 3.0, -3000.0), (95.0, 4.0, 10.0), (300.0, -2.0, -3000.0), (900.0, 20.0, -8000.0)],
+)
+def test_it_reaches_back_over_the_light_time_from_wherever_it_is(
+    full_forces: ForceModel, distance_au: float, speed_km_s: float, days: float
+) -> None:
+    """From 50 au, where the planets end, light takes seven hours; outward and inward, to the first time asked for."""
+    start = np.array([distance_au * AU_KM, 0.0, 0.0, speed_km_s, 0.0, 1.0])
+    flown = propagate(start, Epoch.parse("2026-03-01T00:00:00 TDB"), [days * DAY_S, 20 * DAY_S], full_forces)
+    first = min(days, 0.0) * DAY_S
+    light_s = np.linalg.norm(flown.state_at([first])[0, :3]) / SPEED_OF_LIGHT_KM_S
+    assert flown.span_s[0] < first - light_s - 499.0
+    assert flown.at([first - light_s]).Phi.shape == (1, 6, 6)
 
 
 def test_epoch_at_the_edge_of_the_ephemeris_works(neo: Neo) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from nebosvod import cli
 from nebosvod.borders.interrupts import interruptible
 
 
@@ -56,3 +57,32 @@ end({code})
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == code
     assert done.stdout == ("interrupted\n" if code == 130 else "")
+
+
+def test_what_fails_of_a_swallowed_interrupt_is_no_internal_error(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A compiler that was broken into says that it has no code: a crash file was written, and a traceback shown."""
+
+    def compiles(argv: object) -> int:
+        Ends()
+        raise RuntimeError("no compiled object yet")
+
+    monkeypatch.setattr(cli, "_invoke", compiles)
+    assert cli.main(["version"]) == 130
+    assert capsys.readouterr().err == "interrupted; nothing half-written is left\n"
+
+
+def test_an_interrupt_while_a_failure_is_told_ends_by_it(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def writes(argv: object) -> None:
+        signal.raise_signal(signal.SIGTERM)
+
+    def fails(argv: object) -> int:
+        raise RuntimeError("anything")
+
+    monkeypatch.setattr(cli, "_invoke", fails)
+    monkeypatch.setattr(cli, "_crash_file", writes)
+    assert cli.main(["version"]) == 130
+    assert capsys.readouterr().err == "interrupted; nothing half-written is left\n"

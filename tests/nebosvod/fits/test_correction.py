@@ -28,6 +28,16 @@ def test_a_wrong_start_ends_at_the_one_minimum(made_sky, au):
     assert far.cost == pytest.approx(near.cost, rel=1e-6)
 
 
+@pytest.mark.parametrize("au", [50.0, 95.0])
+def test_an_object_beyond_the_planets_is_fitted(made_sky, au):
+    """Light takes longer than six hours from 43 au on, as from Eris: the first record had no orbit at its emission."""
+    state = np.array([au * AU_KM, 0.0, 0.0, 0.0, 0.9 * np.sqrt(887.1 / au), 0.3])  # 887.1 km2/s2: GM of the Sun/1 au
+    made = made_sky(days=1500.0, state=state)
+    found = correct(made.sky, off_by(state, 0.1), made.forces)
+    assert found.status is Status.CONVERGED
+    assert np.sum(np.linalg.solve(found.S, found.x - state) ** 2) < 22.5  # 0.999 of a chi-square of 6
+
+
 def test_the_answer_is_that_of_the_general_estimator(made_sky):
     made = made_sky()
     found = correct(made.sky, off_by(made.state, 1e-4), made.forces)

