@@ -17,7 +17,7 @@ from nebosvod.findings import blame
 from nebosvod.findings.blame import Kind, StateShare, Worlds, kind_of_problem, state_shares
 from nebosvod.findings.comparison import Accuracies, comparison
 from nebosvod.findings.curves import Curve, curves
-from nebosvod.findings.doctor import Diagnosis, diagnose
+from nebosvod.findings.doctor import Diagnosis, diagnose, most_complete
 from nebosvod.findings.drawn import clones, impact_share, spread_of
 from nebosvod.findings.foretold import Foretold
 from nebosvod.findings.inside import Inside, inside
@@ -46,7 +46,7 @@ class Findings:
     accuracies : five of each component of each prediction.
     shifts : of the estimate and the predictions, by every source whose mean is not as assumed.
     inside : of the leading estimate, what the mission asks to see; None where that is nothing.
-    diagnosis : what the residuals of the first estimator that weighs by least squares say; None where none was made.
+    diagnosis : what the residuals say to the estimator of least squares that leaves out least; None without one.
     """
 
     budget: tuple[StateShare, ...]
@@ -101,7 +101,8 @@ def assess(
     if found and samples:
         rows, points = _with_drawn(scene, found[0], predicted[found[0].estimator.name], rows, seed)
     five = tuple(comparison(scene, different, predicted, samples))
-    diagnosis = None if leading is None else diagnose(scene, leading, five)
+    asked = most_complete(fit for fit in found if not fit.own_gain)
+    diagnosis = None if asked is None else diagnose(scene, asked, five)
     return Findings(
         budget=tuple(row for fit in found for row in state_shares(scene, fit, own[fit.estimator.name])),
         predictions=tuple(rows),

@@ -80,7 +80,7 @@ class BiasTest:
     ----------
     constant, appearing : None where it cannot be told from the motion.
     verdict : no bias, constant or appearing. reason : where nothing could be asked, why.
-    modelled : whether the model has a bias of this telescope anyway.
+    modelled : whether the estimator estimates a bias of this telescope anyway.
     power_constant, power_appearing : of one there all the time, and of one from the middle of its measurements on; None
         where the sigmas are not believed.
     """
@@ -218,11 +218,17 @@ def _asked(
         constant=constant,
         appearing=appearing,
         verdict=_verdict(constant, appearing, level, 1 if sudden is None else len(sudden.onsets)),
-        modelled=without is not None,
+        modelled=_modelled(scene, fit, telescope),
         reason=reason,
         power_constant=_power(always, 0, believed),
         power_appearing=None if sudden is None else _power(sudden, len(sudden.onsets) // 2, believed),
     )
+
+
+def _modelled(scene: Scene, fit: Fit, telescope: str) -> bool:
+    """Whether a bias of one telescope alone is among what is estimated."""
+    own = [s for s in scene.sources.values() if s.group == "bias" and s.telescopes == (telescope,)]
+    return any(scene.mission.source_treatment(fit.estimator, source) == "estimated" for source in own)
 
 
 def _verdict(constant: Hypothesis | None, appearing: Hypothesis | None, level: float, moments: int) -> str:

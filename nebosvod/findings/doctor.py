@@ -1,13 +1,14 @@
 """What the residuals of a run or a fit say of its model: is there a bias, a pattern, and which rhythm would hurt."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from nebosvod.engine.fitting import Fit
+from nebosvod.estimation import Status
 from nebosvod.findings.bias_tests import NOTHING, BiasTest, BiasTests, bias_tests
-from nebosvod.findings.blame import LARGE
+from nebosvod.findings.blame import LARGE, kind_of_problem
 from nebosvod.findings.comparison import Accuracies
 from nebosvod.findings.residual_tests import (
     ResidualTests,
@@ -35,21 +36,29 @@ class Diagnosis:
 def diagnose(
     scene: Scene, fit: Fit, accuracies: Sequence[Accuracies] = (), *, recorded: bool = False
 ) -> Diagnosis | None:
-    """Test a settled fit; None where it has no estimate, or so many measurements that tests would take long.
+    """Test a settled fit; None where it did not converge, or has so many measurements that tests would take long.
 
     Parameters
     ----------
     accuracies : of what was predicted, the rhythms that would hurt it among them.
     recorded : whether the measurements are real ones.
     """
-    if fit.estimate.solution is None or fit.own_gain or fit.problem.n > LARGE:
+    settled = fit.status is Status.CONVERGED and fit.estimate.solution is not None
+    if not settled or fit.own_gain or fit.problem.n > LARGE:
         return None
     biases = bias_tests(scene, fit, recorded=recorded)
-    worst = (worst_of_predictions(accuracies) if accuracies else None) or worst_of_state(fit, rough=recorded)
+    worst = (worst_of_predictions(accuracies, fit.estimator.name) if accuracies else None) or worst_of_state(
+        fit, rough=recorded
+    )
     named = with_orbits(worst, [] if recorded else orbital_periods(scene))
     residuals = residual_tests(scene, fit, named, recorded=recorded)
     said = [sentence(scene.epoch, one) for one in biases.tests if one.verdict != NOTHING]
     return Diagnosis(biases=biases, residuals=residuals, findings=(*said, *residuals.findings))
+
+
+def most_complete(fits: Iterable[Fit]) -> Fit | None:
+    """The estimator with most of what may err in its model, the first of such; None where there are none."""
+    return max(fits, key=lambda fit: sum(kind == "estimated" for _, kind in kind_of_problem(fit)), default=None)
 
 
 def sentence(epoch: Epoch, one: BiasTest) -> str:

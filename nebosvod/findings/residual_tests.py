@@ -185,12 +185,16 @@ def _findings(one: TelescopeTest, alone: float, worst: WorstRhythm | None) -> It
             )
 
 
-def worst_of_predictions(rows: Sequence[Accuracies]) -> WorstRhythm | None:
-    """The rhythm that would hurt the predictions of the first estimator most, of the component it makes worst."""
+def worst_of_predictions(rows: Sequence[Accuracies], estimator: str) -> WorstRhythm | None:
+    """The rhythm that would hurt the predictions of an estimator most, of the component it makes worst.
+
+    Where it has no rows of its own, the accuracies of the first are what it shares.
+    """
+    name = estimator if any(row.estimator == estimator for row in rows) else rows[0].estimator
     mine = [
         row
         for row in rows
-        if row.estimator == rows[0].estimator and row.worst_correlation is not None and row.worst_period_s is not None
+        if row.estimator == name and row.worst_correlation is not None and row.worst_period_s is not None
     ]
     usable = [row for row in mine if row.extended > 0.0]
     if not usable:
