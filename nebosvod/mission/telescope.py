@@ -1,6 +1,6 @@
 """Space telescopes: where they are, how well they measure, what is uncertain about them, what they cannot see."""
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field
 
@@ -24,6 +24,14 @@ NAUTICAL_TWILIGHT = -12.0 / 57.29577951308232  # rad, altitude of the Sun at its
 LEAST_ALTITUDE = 20.0 / 57.29577951308232  # rad, 2.9 air masses
 
 
+class ImageNoise(Block):
+    """What faintness, a trail and the size of the body add to the noise of a measurement."""
+
+    magnitude: Annotated[float, Field(ge=-30.0, le=40.0, description="V of a star that has this `snr`")]
+    snr: Annotated[float, Field(ge=0.1, le=1e5, description="Signal over noise")]
+    limited_by: Literal["background", "photons"] = Field("background", description="What the noise of the image is of")
+
+
 class Noise(Block):
     """Random error of one measurement: one sigma for both axes, or one each; timing jitter."""
 
@@ -31,6 +39,7 @@ class Noise(Block):
     sigma_ra: PositiveAngle | None = Field(None, description="Along right ascension, times cos Dec")
     sigma_dec: PositiveAngle | None = None
     timing: Duration = Field(0.0, description="Sigma of the time of exposure")
+    image: ImageNoise | None = Field(None, description="Adds what faintness, a trail and the size of the body cost")
     true: TrueNoise | None = Field(None, description="What it really is, where that is not as assumed")
 
     def complaints(self) -> list[tuple[KeyPath, str]]:
@@ -120,8 +129,12 @@ class Telescope(Block):
     duty: Annotated[Several[Window], Field(max_length=1000, description="Works inside these only")] = ()
 
     def complaints(self) -> list[tuple[KeyPath, str]]:
-        """Only a site on the ground has a horizon."""
-        return [
+        """Only a site on the ground has a horizon; the noise of an image needs its width."""
+        text = "needs trailing: {exposure: ..., fwhm: ...} of the telescope: how wide an image is, and how long exposed"
+        bare: list[tuple[KeyPath, str]] = (
+            [(("noise", "image"), text)] if self.noise.image is not None and self.trailing is None else []
+        )
+        return bare + [
             (("exclusion", key), f"belongs to a telescope of kind ground (this one is {self.orbit.kind}); remove it")
             for key in ("sun_altitude", "altitude")
             if getattr(self.exclusion, key) is not None and not isinstance(self.orbit, Ground)

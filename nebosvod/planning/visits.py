@@ -13,6 +13,7 @@ from nebosvod.estimation.problem.subset import subset
 from nebosvod.mission import Estimator
 from nebosvod.observation import Visibility, visibility
 from nebosvod.observation.measurement.exposures import row_order
+from nebosvod.scene.imaging import imaged
 from nebosvod.scene.prior import PriorTable
 from nebosvod.scene.pulls import reached
 from nebosvod.scene.scene import PlannedScene, measured
@@ -172,5 +173,6 @@ def _runs(epochs: Array, seen: Mask) -> Array:
 def _with_sources(scene: PlannedScene) -> PlannedScene:
     """The scene with the sources of every telescope that now measures something."""
     exposures, sources, nuisances = measured(scene.mission, scene.telescopes, scene.visibilities, scene.ephemeris)
+    exposures = imaged(scene.mission, exposures, scene.trajectory)
     nuisances = tuple(reached(one, scene.trajectory) for one in nuisances)
     return replace(scene, exposures=exposures, sources=sources, nuisances=nuisances)

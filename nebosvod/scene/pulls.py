@@ -29,6 +29,7 @@ def edges(mission: Mission, intervals: int) -> Array:
         if end not in (first, last):
             found.append(np.linspace(near, end, intervals // 3 + 2))
     every = np.unique(np.concatenate(found))
+    every = every[(np.abs(every) > 1.0) | (every == 0.0)]  # no interval runs over the epoch
     apart: Array = every[np.concatenate([[True], np.diff(every) > 1.0])]
     return apart
 

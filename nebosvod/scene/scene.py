@@ -23,6 +23,7 @@ from nebosvod.mission.target import LOGARITHMS, Orbit
 from nebosvod.observation import Nuisance, Telescope, Visibility, ZoneBias, visibility
 from nebosvod.observation.measurement.exposures import Exposures, row_order
 from nebosvod.scene.declared import Declared, as_assumed
+from nebosvod.scene.imaging import imaged
 from nebosvod.scene.instruments import nuisance, telescopes
 from nebosvod.scene.logarithmic import LogarithmicForces
 from nebosvod.scene.pulls import reached
@@ -137,6 +138,7 @@ def build_scene(mission: Mission, shared: Shared = ALONE) -> PlannedScene:
         )
         _require_seen(instruments, visibilities)
     exposures, sources, nuisances = measured(mission, instruments, visibilities, ephemeris, shared)
+    exposures = imaged(mission, exposures, trajectory)
     nuisances = tuple(reached(one, trajectory) for one in nuisances)
     return PlannedScene(
         mission=mission,

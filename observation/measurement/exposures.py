@@ -33,6 +33,7 @@ class Exposures:
     gm_sun_km3_s2 : its gravitational parameter.
     sigma_rad : (n, 2) of RA cos Dec and Dec; correlation : (n,) of the two.
     timing_sigma_s : (n,) of the time of each exposure by itself.
+    image : (n, 2, 2) what the image adds to the covariance of the noise, rad^2; None where that is nothing.
     """
 
     epoch: Epoch
@@ -46,6 +47,7 @@ class Exposures:
     sigma_rad: Array
     correlation: Array
     timing_sigma_s: Array
+    image: Array | None = None
 
     @classmethod
     def at(
@@ -145,7 +147,7 @@ class Exposures:
     def select(self, chosen: Rows | Flags | slice) -> "Exposures":
         """These exposures alone; telescopes keep their numbers."""
         rows = {name: getattr(self, name)[chosen] for name in ROW_FIELDS}
-        return replace(self, **rows)
+        return replace(self, **rows, image=None if self.image is None else self.image[chosen])
 
     def seeing(self) -> "Exposures":
         """The same with those telescopes alone that make any."""
@@ -162,7 +164,7 @@ class Exposures:
     def noise(self, rate_rad_s: Array | None = None) -> Array:
         """Covariance R (n, 2, 2), rad^2, of the measurement noise at apparent rates (n, 2), RA cos Dec and Dec.
 
-        R = sigma and correlation + sigma_t^2 rate rate^T: a clock error moves the measurement along the track.
+        R = sigma and correlation + what the image adds + sigma_t^2 rate rate^T: a clock error moves along the track.
         """
         return self._noise(self.sigma_rad, self.timing_sigma_s, rate_rad_s)
 
@@ -188,6 +190,8 @@ class Exposures:
         R = np.empty((len(self), 2, 2))
         R[:, 0, 0], R[:, 1, 1] = sigma_rad[:, 0] ** 2, sigma_rad[:, 1] ** 2
         R[:, 0, 1] = R[:, 1, 0] = self.correlation * sigma_rad[:, 0] * sigma_rad[:, 1]
+        if self.image is not None:
+            R += self.image
         if rate_rad_s is not None and timing_sigma_s.any():
             R += timing_sigma_s[:, None, None] ** 2 * rate_rad_s[:, :, None] * rate_rad_s[:, None, :]
         return R

@@ -133,6 +133,8 @@ def _references(mission: Mission) -> Iterator[Complaint]:
         for i, telescope in enumerate(mission.telescopes):
             if telescope.limiting_magnitude is not None:
                 yield ("telescopes", i, "limiting_magnitude"), "needs object.magnitude: {H: ..., G: ...}"
+            if telescope.noise.image is not None:
+                yield ("telescopes", i, "noise", "image"), "needs object.magnitude: {H: ..., G: ...}"
     for i, item in enumerate(mission.predictions):
         if isinstance(item, SkyPrediction) and item.telescope not in names:
             yield ("predictions", i, "from"), unknown(item.telescope, names, "telescope")
