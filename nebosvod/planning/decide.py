@@ -15,10 +15,8 @@ from nebosvod.dynamics.impact import follow
 from nebosvod.errors import GeometryError, ImpactError, InputError
 from nebosvod.estimation.accuracy.preposterior import Foreseen, foresee
 from nebosvod.estimation.accuracy.target_map import TargetMap
-from nebosvod.impacts.approaches import Approach, approaches
 from nebosvod.impacts.cloud import Cloud
-from nebosvod.impacts.flight import TOLERANCE, fly
-from nebosvod.impacts.risk import WITHIN_AU
+from nebosvod.impacts.flight import TOLERANCE, WIDER_KM, Course
 from nebosvod.orbits.uncertain import UncertainOrbit
 from nebosvod.planning.coming import Visit, Watch, predictions, seen, visit
 from nebosvod.timescale import SECONDS_PER_DAY, Epoch
@@ -125,20 +123,18 @@ def decide(
         If no telescope sees the object at a candidate time, or too few orbits of the cloud hit.
     """
     visits, unseen = _visits(orbit, watches, wanted, ephemeris)
-    near = [
-        one for one in approaches(orbit, orbit.epoch, wanted.until, WITHIN_AU, ephemeris).found
-        if one.body in wanted.bodies and one.plane is not None
-    ]  # fmt: skip
+    course = Course(
+        orbit=orbit, ephemeris=ephemeris, last=wanted.until, bodies=tuple(wanted.bodies), within_km=WIDER_KM
+    )  # fmt: skip
     rng = np.random.default_rng(np.random.SeedSequence(wanted.seed))
     u = rng.standard_normal((wanted.draws, len(orbit.factor)))
     say("flying the drawn orbits")
-    by_flight = _by_flight(orbit, near, wanted, ephemeris)
     first = u[: wanted.flown]
-    cloud = fly(orbit, first @ orbit.factor.T, np.ones(len(first)), wanted.until, near, ephemeris)
-    flown_hits = np.asarray(np.isin(cloud.body, list(wanted.bodies)))
+    cloud = course.fly(first @ orbit.factor.T)
+    flown_hits = np.asarray(np.isin(cloud.body, course.bodies))
     maps = _maps(first, cloud, flown_hits)
     flown = maps is None
-    hit = by_flight if maps is None else _by_maps(maps)
+    hit = _by_flight(course) if maps is None else _by_maps(maps)
     hits = np.concatenate([flown_hits, hit(u[wanted.flown :])])
     count = int(np.count_nonzero(hits))
     if count < FEWEST_HITS:
@@ -218,16 +214,12 @@ def _by_maps(maps: Sequence[TargetMap]) -> Callable[[Array], Mask]:
     return hit
 
 
-def _by_flight(
-    orbit: UncertainOrbit, near: Sequence[Approach], wanted: Wanted, ephemeris: Ephemeris
-) -> Callable[[Array], Mask]:
+def _by_flight(course: Course) -> Callable[[Array], Mask]:
     def hit(u: Array) -> Mask:
         found = np.zeros(len(u), dtype=np.bool_)
         for start in range(0, len(u), AT_ONCE):
             part = slice(start, start + AT_ONCE)
-            d = u[part] @ orbit.factor.T
-            cloud = fly(orbit, d, np.ones(len(d)), wanted.until, near, ephemeris)
-            found[part] = np.isin(cloud.body, list(wanted.bodies))
+            found[part] = np.isin(course.fly(u[part] @ course.orbit.factor.T).body, course.bodies)
         return found
 
     return hit

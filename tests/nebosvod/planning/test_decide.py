@@ -8,7 +8,7 @@ from typing import Any
 import jsonschema
 import numpy as np
 import pytest
-from scipy.stats import norm
+from scipy.stats import binom, norm
 
 import nebosvod
 from nebosvod.cli import main
@@ -17,11 +17,13 @@ from nebosvod.dynamics.impact import follow
 from nebosvod.ephemerides.observers import observer
 from nebosvod.impacts.approaches import approaches
 from nebosvod.mission import load_mission_text
-from nebosvod.observation import observe
+from nebosvod.observation import observe, residual
+from nebosvod.orbits.conversion import balanced_factor
 from nebosvod.orbits.uncertain import UncertainOrbit
 from nebosvod.planning.coming import Watch, visit
 from nebosvod.planning.decide import Decision, Wanted, decide
 from nebosvod.planning.decision import advice
+from nebosvod.planning.watches import watches
 from nebosvod.report.decision_page import make_decision_page
 from nebosvod.scene.instruments import telescopes
 from nebosvod.scene.orbit import read_orbit
@@ -32,6 +34,7 @@ SCHEMA = json.loads((Path(nebosvod.__file__).parent / "planning" / "decision.sch
 IMPACT, EPOCH = Epoch.parse("2030-05-20T06:00:00 TDB"), Epoch.parse("2030-04-10T00:00:00 TDB")
 UNTIL = Epoch.parse("2030-06-01 TDB")
 DAY = 86400.0
+PDC27 = Path(__file__).resolve().parents[3].parent / "shared" / "data" / "impact" / "2026pdc27.epoch1.psv"
 SIGMA = 4.0  # arcsec
 LEVELS = (0.01, 0.1, 0.5, 0.9)
 TIMES = {"first": EPOCH + 4 * DAY, "last": EPOCH + 10 * DAY, "step_s": 3 * DAY, "exposures": 3, "spacing_s": 600.0}
@@ -233,3 +236,103 @@ def test_what_cannot_be_answered_is_said(
     more = ["--draws", "600"] if "--decide" in options and "--draws" not in options else []
     assert main(["plan", str(mission), *options, *more]) == code
     assert said in capsys.readouterr().err
+
+
+def test_truths_that_end_at_a_probability_hit_that_often(decision: Decision) -> None:
+    """2,500 truths of each visit, flown and observed, inside the 99 % binomial band of each fifth."""
+    for one in decision.outcomes:
+        P, hits = one.foreseen.probability, one.hits
+        order = np.argsort(P)
+        for part in np.array_split(order, 5):
+            low, high = binom.ppf([0.0005, 0.9995], len(part), np.clip(P[part].mean(), 1e-4, 1.0 - 1e-4))
+            assert low - 1 <= np.count_nonzero(hits[part]) <= high + 1
+        assert np.count_nonzero(hits) == pytest.approx(len(hits) * decision.probability, rel=0.15)
+
+
+def bent(bodies: Ephemeris) -> UncertainOrbit:
+    """An orbit known along its path to a million km after 23 months, where it bends; the estimate is 1.5 sigma off."""
+    earth, sun = (bodies.state_km_km_s(name, IMPACT, np.array([-DAY]))[0] for name in ("earth", "sun"))
+    v = 8.0 * np.array([0.6, -0.7, 0.387]) / np.linalg.norm([0.6, -0.7, 0.387])
+    before, epoch = IMPACT + (-DAY), IMPACT + (-700.0 * DAY)
+    near = earth - sun + np.concatenate([-DAY * v, v])
+    start = propagate(near, before, [epoch - before], ForceModel(ephemeris=bodies), False, margin_s=0.0).state[0]
+    along = start[3:] / np.linalg.norm(start[3:])
+    sigma = 4e-3
+    covariance = np.diag([30.0**2] * 3 + [1e-12] * 3)
+    covariance[3:, 3:] += np.outer(along, along) * sigma**2
+    moved = start - np.concatenate([np.zeros(3), 1.5 * sigma * along])
+    return UncertainOrbit(name="bent", epoch=epoch, state=moved, factor=np.linalg.cholesky(covariance))
+
+
+def fresh_fit(orbit: UncertainOrbit, t_s: np.ndarray, rng: np.random.Generator, bodies: Ephemeris) -> UncertainOrbit:
+    """A truth drawn and observed, and fitted from the estimate on with what was known before."""
+    watch, forces = geocentre(SIGMA).telescope, orbit.forces(bodies)
+
+    def observed(state: np.ndarray) -> Any:
+        path = follow(state, orbit.epoch, (-DAY, t_s[-1]), t_s[-1], forces, True)
+        return observe(path, watch, t_s, bodies)
+
+    truth = orbit.state + orbit.factor @ rng.standard_normal(6)
+    seen = observed(truth)
+    psi = seen.psi + SIGMA * ARCSEC * rng.standard_normal(seen.psi.shape) / np.cos(seen.psi[:, 1:]) ** [1.0, 0.0]
+    u = np.zeros(6)
+    for _ in range(5):
+        now = observed(orbit.state + orbit.factor @ u)
+        H = now.H_x0.reshape(-1, 6) @ orbit.factor / (SIGMA * ARCSEC)
+        v = residual(psi, now.psi).ravel() / (SIGMA * ARCSEC)
+        u = u + np.linalg.lstsq(np.vstack([np.eye(6), H]), np.concatenate([-u, v]))[0]
+    R = np.linalg.qr(np.vstack([np.eye(6), H]), mode="r")
+    factor = balanced_factor(orbit.factor @ np.linalg.solve(R, np.eye(6)))
+    return UncertainOrbit(name="fresh", epoch=orbit.epoch, state=orbit.state + orbit.factor @ u, factor=factor)
+
+
+@pytest.mark.long
+def test_where_linear_is_wrong_the_distribution_is_that_of_fresh_fits(bodies: Ephemeris) -> None:
+    """The path bends by a radius of the Earth: its target plane says that it cannot hit, and one in 250 orbits does."""
+    orbit = bent(bodies)
+    until = IMPACT + 20.0 * DAY
+    first = orbit.epoch + 150.0 * DAY
+    wanted = Wanted(
+        first=first, last=first, step_s=DAY, exposures=3, spacing_s=600.0, until=until, bodies=("earth",),
+        draws=60_000, truths=10_000,
+    )  # fmt: skip
+    found = decide(orbit, [geocentre(SIGMA)], wanted, bodies).outcomes[0]
+    fits, rng = 1500, np.random.default_rng(8)
+    each = np.zeros(fits)
+    for k in range(fits):
+        one = fresh_fit(orbit, found.visit.t_s, rng, bodies)
+        near = [a for a in approaches(one, IMPACT + (-20.0 * DAY), until, 0.1, bodies).found if a.body == "earth"]
+        each[k] = max((a.probability or 0.0 for a in near), default=0.0)
+    linear = approaches(orbit, IMPACT + (-20.0 * DAY), until, 0.1, bodies).found
+    assert all((one.probability or 0.0) < 1e-9 for one in linear if one.body == "earth")
+    ours = found.foreseen.probability
+    for level in (0.5, 0.9, 0.95, 0.97, 0.98, 0.99):
+        assert np.quantile(ours, level) == pytest.approx(np.quantile(each, level), abs=0.02)
+    for threshold in (1e-3, 0.01, 0.03, 0.1):
+        share = float(np.mean(each > threshold))
+        assert np.mean(ours > threshold) == pytest.approx(share, abs=3.0 * np.sqrt(share / fits))
+
+
+@pytest.mark.skipif(not PDC27.is_file(), reason="the folder of reference data is not here")
+def test_a_station_keeps_the_bias_that_its_fit_has_considered(tmp_path: Path, bodies: Ephemeris) -> None:
+    """The bias is known no better after the fit, and with the orbit as its part of the budget says."""
+    lines = PDC27.read_text("utf-8").split("\n")
+    (tmp_path / "few.psv").write_text("\n".join([*lines[:2], *lines[10:14], *lines[-9:]]), encoding="utf-8")
+    bias = "uncertainty: [{stations: all, bias: {sigma: 0.1 arcsec, treatment: considered}}]"
+    text = f"schema_version: 1\nname: few\nfit:\n  observations: [few.psv]\n  {bias}\n"
+    (tmp_path / "few.yaml").write_text(text, encoding="utf-8")
+    assert main(["fit", str(tmp_path / "few.yaml"), "-o", str(tmp_path / "fit")]) == 0
+    orbit = read_orbit(tmp_path / "fit")
+    assert list(orbit.shared) == ["bias 500 RA*", "bias 500 Dec"]
+    rows, sigma = np.array(list(orbit.shared.values())), 0.1 * ARCSEC
+    np.testing.assert_allclose(rows @ rows.T, sigma**2 * np.eye(2), atol=1e-6 * sigma**2)
+    together, part = orbit.factor @ rows[:, :6].T / sigma, orbit.sources["bias 500"]
+    unit = np.outer(orbit.sigma, orbit.sigma)
+    np.testing.assert_allclose(together @ together.T / unit, part @ part.T / unit, atol=1e-6)
+    (watch,) = watches(str(tmp_path / "fit"), orbit, ["500"], sigma)
+    t_s = 60.0 * DAY + 600.0 * np.arange(2)
+    path = follow(orbit.state, orbit.epoch, (-DAY, t_s[-1]), t_s[-1], orbit.forces(bodies), True)
+    found = visit(watch, path, t_s, orbit, bodies)
+    np.testing.assert_allclose(found.by_draws, np.vstack([rows[:, :6]] * 2), atol=1e-6 * sigma)
+    whole = found.noise + found.by_draws @ found.by_draws.T  # what both exposures have in common is the bias
+    np.testing.assert_allclose(whole[:2, 2:] / sigma**2, np.eye(2), atol=1e-6)
