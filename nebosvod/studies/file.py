@@ -5,7 +5,17 @@ from typing import Annotated, Any
 from pydantic import Field
 
 from nebosvod.errors import InputError
-from nebosvod.mission.fields import Block, KeyPath, Parsed, Several, Text
+from nebosvod.mission.fields import (
+    Block,
+    KeyPath,
+    Parsed,
+    PositiveDuration,
+    PositiveLength,
+    Several,
+    Size,
+    Text,
+    When,
+)
 from nebosvod.mission.yaml.yamlfile import shown
 from nebosvod.studies.axes import MOST_VALUES
 from nebosvod.studies.sampling import Sample, read_sample
@@ -114,11 +124,44 @@ class FindBlock(Block):
         return []
 
 
-class ObjectsBlock(Block):
-    """Objects of a catalogue, each of which takes the place of the mission's."""
+class ImpactorsBlock(Block):
+    """Impactors drawn from the orbits of a catalogue, and companions that miss."""
 
-    from_: Text = Field(alias="from", description="ECSV or CSV of elements, an answer of the SBDB, or MPCORB")
+    orbits: Text = Field(description="Catalogue of near-Earth objects, of which orbits are drawn by Opik's probability")
+    n: Annotated[int, Field(ge=1, le=1_000_000)] = Field(description="Impactors")
+    misses: Annotated[int, Field(ge=0, le=1_000_000)] = Field(default=0, description="Companions that miss")
+    within: PositiveLength = Field(default=100_000.0, description="How far misses pass the Earth's centre at the most")
+    start: When = Field(description="First date of the encounters")
+    span: PositiveDuration = Field(description="Over which they are even")
+    smallest: Size = Field(default=20.0, description="Diameter; their number goes with its power -2.70")
+    largest: Size = 300.0
+    seed: Annotated[int, Field(ge=0, le=2**63 - 1)] = 0
+
+    def complaints(self) -> list[tuple[KeyPath, str]]:
+        """Diameters and distances make spans."""
+        found: list[tuple[KeyPath, str]] = []
+        if not self.smallest < self.largest:
+            found.append((("largest",), f"is not above smallest ({self.smallest:g} m)"))
+        if self.within <= 7000.0:
+            found.append((("within",), "is not above the Earth (allowed more than 7000 km)"))
+        return found
+
+
+class ObjectsBlock(Block):
+    """Objects, each of which takes the place of the mission's."""
+
+    from_: Text | None = Field(None, alias="from", description="ECSV or CSV of elements, an SBDB query, or MPCORB")
     first: Annotated[int, Field(ge=1)] | None = Field(default=None, description="So many rows; all when absent")
+    impactors: ImpactorsBlock | None = None
+    move: bool | None = Field(
+        None, description="Whether epochs of the mission move with that of the orbit; true for impactors when absent"
+    )
+
+    def complaints(self) -> list[tuple[KeyPath, str]]:
+        """A catalogue, or a draw."""
+        if (self.from_ is None) == (self.impactors is None):
+            return [((), "needs from (a catalogue) or impactors, one of them")]
+        return []
 
 
 class RequireBlock(Block):

@@ -5,7 +5,7 @@ It is read like a mission: strictly, and with everything that is wrong at its li
 
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from pathlib import Path
@@ -16,7 +16,7 @@ from pydantic import ValidationError
 from nebosvod.borders.expression import Expression, as_word, read_expression
 from nebosvod.errors import InputError
 from nebosvod.mission import Mission, load_mission
-from nebosvod.mission.fields import KeyPath
+from nebosvod.mission.fields import KeyPath, epoch_text
 from nebosvod.mission.reading.explain import Explainer
 from nebosvod.mission.reading.reader import Editable
 from nebosvod.mission.yaml.yamlfile import Problem, Tree, YamlFile, parse_yaml, read_text, shown
@@ -24,9 +24,10 @@ from nebosvod.scene.sharing import Shared
 from nebosvod.studies.answers import Asked, read_answer
 from nebosvod.studies.axes import Axis, in_unit, read_axis
 from nebosvod.studies.catalogue import read_catalogue
-from nebosvod.studies.file import AxisBlock, StudyFile
+from nebosvod.studies.file import AxisBlock, ImpactorsBlock, StudyFile
 from nebosvod.studies.requirement import Needed, Requirement
 from nebosvod.studies.sampling import Points, Sample
+from nebosvod.timescale import SECONDS_PER_DAY, Epoch
 
 MOST_LINES = 50
 PROBED = 200  # values of a list that are tried on the mission before anything runs
@@ -168,7 +169,7 @@ class _Reading:
             return None
         editable = Editable(mission)
         catalogue = self._catalogue(path)
-        objects = self._objects(catalogue, editable) if catalogue is not None else None
+        objects = self._objects(catalogue, mission, editable) if catalogue is not None else None
         axes = [axis for name, one in self.block.vary.items() if (axis := self._axis(name, one, mission, editable))]
         answers = tuple(self._answers(mission))
         search = self._search(axes, answers)
@@ -243,34 +244,37 @@ class _Reading:
                     said.add(plain)
 
     def _catalogue(self, path: Path | None) -> Path | None:
-        """The file of the objects."""
-        if self.block.objects is None:
+        """The file of the objects, or of the orbits of which they are drawn."""
+        wanted = self.block.objects
+        if wanted is None:
             return None
-        beside = path.parent if path is not None else Path()
-        return beside / self.block.objects.from_
+        name = wanted.from_ if wanted.impactors is None else wanted.impactors.orbits
+        return (path.parent if path is not None else Path()) / str(name)
 
-    def _objects(self, catalogue: Path, editable: Editable) -> Axis:
+    def _objects(self, catalogue: Path, mission: Mission, editable: Editable) -> Axis:
         """Objects as an axis: each changes several places of the mission at once."""
         wanted = self.block.objects
+        drawn = wanted.impactors if wanted is not None else None
+        place: KeyPath = ("objects", "from") if drawn is None else ("objects", "impactors", "orbits")
+        rows: list[dict[str, Any]] = []
+        changes: list[dict[str, Tree]] = []
         try:
             rows = read_catalogue(catalogue)[: wanted.first if wanted is not None else None]
+            if drawn is not None:
+                rows = _drawn(rows, drawn)
+            move = wanted is not None and (wanted.move if wanted.move is not None else drawn is not None)
+            changes = [_changes(row, mission, move) for row in rows]
         except InputError as error:
-            self._say(("objects", "from"), str(error))
-            rows = []
-        changes: list[dict[str, Tree]] = [
-            {"object.name": row["name"], "object.orbit": row["orbit"]}
-            | ({"object.magnitude": row["magnitude"]} if "magnitude" in row else {})
-            for row in rows
-        ]
+            self._say(place, str(error))
         names = tuple(str(row["name"]) for row in rows)
         if changes:
             self._first = dict(changes[0])
             try:
                 editable.edited(self._first)
             except InputError as error:
-                self._say(("objects", "from"), f"{catalogue}: its first object: {error}")
+                self._say(place, f"{catalogue}: its first object: {error}")
         elif not self.problems:
-            self._say(("objects", "from"), f"{catalogue}: holds no objects")
+            self._say(place, f"{catalogue}: holds no objects")
         return Axis(name="object", paths=(), values=(*changes,), texts=names)
 
     def _requirement(self, mission: Mission, editable: Editable, answers: tuple[Asked, ...]) -> Requirement | None:
@@ -365,6 +369,41 @@ class _Reading:
                     yield Condition(name=name, sign=match[1], limit=limit, text=text)
                 except InputError as error:
                     self._say(path, str(error))
+
+
+def _drawn(rows: Sequence[Mapping[str, Any]], block: ImpactorsBlock) -> list[dict[str, Any]]:
+    """Impactors and misses from the orbits of a catalogue."""
+    from nebosvod.dynamics import Ephemeris
+    from nebosvod.studies.impactors import Draw, draw_objects
+
+    drawn = Draw(
+        impacts=block.n,
+        misses=block.misses,
+        within_km=block.within,
+        start=block.start,
+        days=block.span / SECONDS_PER_DAY,
+        smallest_m=block.smallest,
+        largest_m=block.largest,
+        seed=block.seed,
+    )
+    return draw_objects(rows, drawn, Ephemeris.load())
+
+
+def _changes(row: Mapping[str, Any], mission: Mission, move: bool) -> dict[str, Tree]:
+    """What an object changes in a mission, by path; its epochs too, where they move with that of the orbit."""
+    found: dict[str, Tree] = {"object.name": row["name"], "object.orbit": row["orbit"]}
+    if "magnitude" in row:
+        found["object.magnitude"] = row["magnitude"]
+    if not move:
+        return found
+    orbit = row["orbit"]
+    shift_s = Epoch.parse(str(orbit.get("at", orbit.get("epoch")))) - mission.object.orbit.epoch
+    places: dict[str, Epoch] = {"reference_epoch": mission.reference_epoch}
+    for k, arc in enumerate(mission.schedule):
+        places |= {f"schedule.{k}.start": arc.start, f"schedule.{k}.end": arc.end}
+    for k, one in enumerate(mission.predictions):
+        places[f"predictions.{k}.{'near' if hasattr(one, 'near') else 'at'}"] = one.when
+    return found | {place: epoch_text(epoch + shift_s) for place, epoch in places.items()}
 
 
 def _no_number(name: str, allowed: list[str]) -> str:
