@@ -7,7 +7,7 @@ import numpy as np
 from markupsafe import Markup
 
 from nebosvod.report.kit.base import render
-from nebosvod.report.kit.chart import Chart
+from nebosvod.report.kit.chart import NARROW, Chart
 from nebosvod.report.kit.download import csv
 from nebosvod.report.kit.plate import SERIES, Plate, thin
 from nebosvod.report.kit.scale import Scale, calendar, linear, logarithmic, named
@@ -84,8 +84,8 @@ def _offset_plates(found: Item, labels: Sequence[str]) -> list[Plate]:
     sigmas = np.array([[nan if one is None else one["offset_sigmas"] for one in row["by_run"][1:]] for row in rows])
     if not np.isfinite(sigmas).any():
         return []
-    chart = Chart("offsets", height=0.0)
-    panel = chart.panel(calendar(epochs[0], t), _axis(sigmas, "offset, own sigmas"), top=8.0, bottom=190.0)
+    chart = Chart("offsets", width=NARROW, height=0.0)
+    panel = chart.panel(calendar(epochs[0], t, most=3.5), _axis(sigmas, "offset, own sigmas"), top=8.0, bottom=190.0)
     panel.open()
     few, entries = thin(len(t)), []
     for k, label in enumerate(labels[1:]):
@@ -183,7 +183,7 @@ def _ranges(
     """A dot with its interval for each folder."""
     x = _axis([v for one in ranges for v in one if v > 0.0] or [0.0, 1.0], label, 3)
     high = 24.0 * len(labels)
-    chart = Chart(key, width=358.0, height=high + 46.0)
+    chart = Chart(key, width=NARROW, height=high + 46.0)
     panel = chart.panel(x, named([*labels]), top=6.0, bottom=6.0 + high)
     panel.open()
     for i, (low, value, top) in enumerate(ranges):

@@ -10,7 +10,7 @@ from markupsafe import Markup
 from nebosvod.borders.stored import read_object
 from nebosvod.dynamics.surface import SURFACE_KM
 from nebosvod.report.kit.base import render
-from nebosvod.report.kit.chart import Chart
+from nebosvod.report.kit.chart import NARROW, Chart
 from nebosvod.report.kit.download import csv
 from nebosvod.report.kit.outline import covariance_of
 from nebosvod.report.kit.plate import BLUE, GREY, INK, VERMILION, Plate, thin
@@ -25,7 +25,7 @@ from nebosvod.units import AU_KM
 
 Item = Mapping[str, Any]
 NOTED = 1e-6  # a chance of impact from which the verdict is a caution
-DOT = 100.0  # a picture so many times wider than half the disc shows it as a dot
+DOT = 40.0  # a picture so many times wider than half the disc shows it as a dot
 MOST_PLANES = 8
 SHOWN = 400  # rows of an ephemeris on the page; the table in the folder has them all
 FIGURES = {"semi_major_arcsec": "long axis of the 1σ ellipse, arcsec", "distance_au": "distance, au"}
@@ -115,8 +115,8 @@ def _over_time(rows: list[Item], key: str, label: str) -> Plate:
     few = thin(len(rows))
     wide = bool((values > 0.0).all() and values.max() > 30.0 * values.min())
     y = (logarithmic if wide else linear)(values, label)
-    chart = Chart(f"ephemeris-{key.split('_')[0]}", height=260.0)
-    panel = chart.panel(calendar(start, t), y, top=8.0, bottom=214.0)
+    chart = Chart(f"ephemeris-{key.split('_')[0]}", width=NARROW, height=260.0)
+    panel = chart.panel(calendar(start, t, most=3.5), y, top=8.0, bottom=214.0)
     panel.open()
     panel.line(t[few] / SECONDS_PER_DAY, values[few], label, stroke=BLUE, stroke_width=1.6)
     panel.close()
@@ -133,8 +133,8 @@ def _distances(rows: list[Item]) -> Plate:
     least = np.array([max(row["least_distance_3_sigma_km"], 1.0) for row in rows])
     y = logarithmic([*distance, *least, 6378.0], "distance from the centre, km")
     span = t if len(t) > 1 else np.array([t[0] - 30.0 * SECONDS_PER_DAY, t[0] + 30.0 * SECONDS_PER_DAY])
-    chart = Chart("approaches", height=310.0)
-    panel = chart.panel(calendar(start, span), y, top=8.0, bottom=230.0)
+    chart = Chart("approaches", width=NARROW, height=310.0)
+    panel = chart.panel(calendar(start, span, most=3.5), y, top=8.0, bottom=230.0)
     panel.open()
     panel.level(6378.0, stroke=GREY, stroke_width=1.0, stroke_dasharray="6 4")
     for k in range(len(rows)):

@@ -29,6 +29,7 @@ from nebosvod.report.kit.scale import Scale
 
 Array = npt.NDArray[np.float64]
 WIDTH = 440.0  # of a figure over the whole column; 10.5 px text then reads at 8.5 px on a phone and 15 px on a laptop
+NARROW = 358.0  # of a figure that may stand beside another; its texts read at 10 px or more on a phone of 390
 SHEET = 1200.0  # height on which is drawn: the legend, which comes last, tells how much of it the figure takes
 GRID = "#e4e4e4"
 CHARACTER = 6.1  # mean width of a character of axis text, px

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from markupsafe import Markup
 
-from nebosvod.report.kit.chart import CHARACTER, Chart, Panel
+from nebosvod.report.kit.chart import CHARACTER, NARROW, Chart, Panel
 from nebosvod.report.kit.download import Download, csv
 from nebosvod.report.kit.outline import ANGLES, outline
 from nebosvod.report.kit.plate import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, VERMILION, Plate, thin
@@ -21,7 +21,7 @@ from nebosvod.report.kit.wording import count
 
 Array = npt.NDArray[np.float64]
 Box = tuple[float, float, float, float]  # low and high of x, low and high of y, km
-WIDTH, LEFT, RIGHT, TALLEST = 358.0, 62.0, 13.0, 380.0  # px; 10.5 px texts read at 10 px or more on a phone of 390
+LEFT, RIGHT, TALLEST = 62.0, 13.0, 380.0  # px
 FAR = 6.0  # an ellipse (3 sigma) so many times larger or smaller than the disc needs a second figure
 DISC, RING = "#cfd8e3", "#4a5a6a"
 LEVELS = (1.0, 3.0)
@@ -143,16 +143,16 @@ def _plate(
     factor, unit = (1e-3, "10³ km") if width > 3e5 else (1.0, "km") if width > 3.0 else (1e3, "m")
     y = linear([factor * box[2], factor * box[3]], f"{view.names[1]}, {unit}", pad=0.0)
     left = max(LEFT, 23.0 + CHARACTER * y.width)
-    scale = min((WIDTH - RIGHT - left) / width, TALLEST / height)
+    scale = min((NARROW - RIGHT - left) / width, TALLEST / height)
     wide, tall = scale * width, scale * height
     x = linear([factor * box[0], factor * box[1]], f"{view.names[0]}, {unit}", pad=0.0, most=4)
-    chart = Chart(key, width=WIDTH, height=tall + 90.0)
+    chart = Chart(key, width=NARROW, height=tall + 90.0)
     panel = chart.panel(_roomy(x, left, wide), y, top=8.0, bottom=8.0 + tall, left=left, right=left + wide)
     panel.open()
     panel.clip()
     shown = _body(panel, view, factor, box)
     parts = [_line, _ellipses, _drawn] if _thin_ellipse(view, scale) else [_line, _drawn, _ellipses]
-    for part in parts:
+    for part in [*parts, _nominal]:
         shown += part(panel, view, factor, box)
     if frame is not None:
         _frame(panel, frame, factor, width)
@@ -167,7 +167,7 @@ Entry = tuple[str, str, dict[str, Any]]
 
 def _roomy(x: Scale, left: float, wide: float) -> Scale:
     """An axis without the ticks whose texts would be cut at the edge of the figure."""
-    room = (WIDTH - left - 1.0) / wide
+    room = (NARROW - left - 1.0) / wide
     kept = [(v, text) for v, text in x.ticks if float(x.part(np.array(v))) + 0.5 * CHARACTER * len(text) / wide <= room]
     return replace(x, ticks=tuple(kept))
 
@@ -222,7 +222,7 @@ def _line(panel: Panel, view: TargetView, factor: float, box: Box) -> list[Entry
 
 
 def _ellipses(panel: Panel, view: TargetView, factor: float, box: Box) -> list[Entry]:
-    """Ellipses, and their centre."""
+    """Ellipses, true and formal."""
     entries: list[Entry] = []
     if view.centre is None or view.covariance is None:
         return entries
@@ -235,9 +235,15 @@ def _ellipses(panel: Panel, view: TargetView, factor: float, box: Box) -> list[E
         for level in LEVELS:
             panel.line(*(factor * (view.centre + outline(view.formal, level)).T), **dashed)
         entries.append(("line", "formal", dashed))
-    panel.dots([factor * view.centre[0]], [factor * view.centre[1]], "P", "nominal orbit", color=INK)
-    entries.append(("P", "nominal orbit", {"color": INK}))
     return entries
+
+
+def _nominal(panel: Panel, view: TargetView, factor: float, box: Box) -> list[Entry]:
+    """The estimate itself, on top of all."""
+    if view.centre is None:
+        return []
+    panel.dots([factor * view.centre[0]], [factor * view.centre[1]], "P", "nominal orbit", color=INK)
+    return [("P", "nominal orbit", {"color": INK})]
 
 
 def _frame(panel: Panel, frame: Box, factor: float, width: float) -> None:

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from markupsafe import Markup
 
 from nebosvod.dynamics.constants import EARTH_RADIUS_KM
-from nebosvod.report.kit.chart import CHARACTER, Chart, Panel
+from nebosvod.report.kit.chart import CHARACTER, NARROW, Chart, Panel
 from nebosvod.report.kit.coastlines import SOURCE, Window, land, shore
 from nebosvod.report.kit.download import csv
 from nebosvod.report.kit.ground import continued, middle
@@ -23,7 +23,7 @@ from nebosvod.report.kit.scale import Scale, round_step, tick_text
 from nebosvod.report.kit.wording import NBSP, number
 
 Array = npt.NDArray[np.float64]
-WIDTH, LEFT, RIGHT = 358.0, 53.0, 21.0  # px; 10.5 px texts read at 10 px or more on a phone of 390
+LEFT, RIGHT = 53.0, 21.0  # px
 LAND, SHORE = "#a8a290", "#8b8675"
 EDGE_DEG = 20.0  # nearer than this to the edge of the sheet, what is shown moves to its middle
 SMALL_DEG = 40.0  # what is smaller than this on the map of the world is shown enlarged as well
@@ -112,9 +112,9 @@ def _map(
     shrink = 1.0 if east - west >= 360.0 else math.cos(math.radians(0.5 * (south + north)))
     x, y = _axis(west, east, "EW", "longitude, deg"), _axis(south, north, "NS", "latitude, deg")
     left = max(LEFT, 23.0 + CHARACTER * y.width)
-    height = (WIDTH - RIGHT - left) * (north - south) / ((east - west) * max(shrink, 0.05))
-    chart = Chart(key, width=WIDTH, height=height + 90.0)
-    panel = chart.panel(x, y, top=8.0, bottom=8.0 + height, left=left, right=WIDTH - RIGHT)
+    height = (NARROW - RIGHT - left) * (north - south) / ((east - west) * max(shrink, 0.05))
+    chart = Chart(key, width=NARROW, height=height + 90.0)
+    panel = chart.panel(x, y, top=8.0, bottom=8.0 + height, left=left, right=NARROW - RIGHT)
     panel.open()
     panel.clip()
     if east - west >= COARSE_DEG:

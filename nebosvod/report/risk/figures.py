@@ -8,7 +8,7 @@ import numpy.typing as npt
 from markupsafe import Markup
 
 from nebosvod.dynamics.surface import SURFACE_KM
-from nebosvod.report.kit.chart import Chart
+from nebosvod.report.kit.chart import NARROW, Chart
 from nebosvod.report.kit.coastlines import on_land
 from nebosvod.report.kit.download import csv
 from nebosvod.report.kit.ground import reached
@@ -24,7 +24,7 @@ from nebosvod.timescale import SECONDS_PER_DAY, Epoch
 
 Array = npt.NDArray[np.float64]
 Item = Mapping[str, Any]
-WIDTH = 358.0  # px; 10.5 px texts read at 10 px or more on a phone of 390
+LONGEST = 26  # letters of a source beside its bar
 MOST_DRAWN = 3000
 WIDE = 30.0  # probabilities that differ by more than this factor need a logarithmic axis
 
@@ -133,7 +133,7 @@ def ways_plate(row: Item) -> Plate:
     label = "probability" if wide else "probability, %"
     x = (logarithmic if wide else linear)([factor * v for v in values] or [0.0, 1.0], label, pad=0.08)
     high = 24.0 * len(ways)
-    chart = Chart(f"ways-{row['number']}", width=WIDTH, height=high + 46.0)
+    chart = Chart(f"ways-{row['number']}", width=NARROW, height=high + 46.0)
     panel = chart.panel(x, named([way_name(way["way"]) for way in ways]), top=6.0, bottom=6.0 + high)
     panel.open()
     for i, way in enumerate(ways):
@@ -169,9 +169,10 @@ def budget_plate(row: Item) -> Plate | None:
     values = [v for one in rows for v in (one[key] - 2.0 * one[error], one[key] + 2.0 * one[error])]
     what = "change of ln P" if key == "elasticity" else "change of ln P/(1 − P)"
     high = 22.0 * len(rows)
-    chart = Chart(f"budget-{row['number']}", height=high + 46.0)
+    names = [one["source"] if len(one["source"]) <= LONGEST else f"{one['source'][: LONGEST - 1]}…" for one in rows]
+    chart = Chart(f"budget-{row['number']}", width=NARROW, height=high + 46.0)
     panel = chart.panel(
-        linear([*values, 0.0], f"{what} by that of ln sigma"), named([one["source"] for one in rows]), top=6.0,
+        linear([*values, 0.0], f"{what} by that of ln σ", most=4), named(names), top=6.0,
         bottom=6.0 + high,
     )  # fmt: skip
     panel.upright(0.0, stroke=INK, stroke_width=0.9)
@@ -197,7 +198,7 @@ def history_plate(history: Sequence[Item]) -> Plate | None:
     days, dates = t / SECONDS_PER_DAY, calendar(epochs[0], t, most=3.5)
     low = np.array([one["low"] or one["probability"] or one["high"] for one in history])
     top = np.array([one["high"] for one in history])
-    chart = Chart("history", width=WIDTH, height=0.0)
+    chart = Chart("history", width=NARROW, height=0.0)
     upper = chart.panel(
         dates.silenced(), logarithmic([*low, *top], "probability"), top=8.0, bottom=150.0, left=62.0
     )  # fmt: skip
@@ -216,11 +217,9 @@ def history_plate(history: Sequence[Item]) -> Plate | None:
     lower.line(days, sigma, stroke=INK, stroke_width=1.0)
     lower.dots(days, sigma, "s", "long axis of the ellipse", color=INK, size=3.5)
     lower.close()
-    entries: list[tuple[str, str, dict[str, Any]]] = [
-        ("o", "probability", {"color": BLUE}),
-        ("v", "only a bound", {"color": GREY}),
-        ("s", "long axis in the target plane, 1σ", {"color": INK}),
-    ]
+    entries: list[tuple[str, str, dict[str, Any]]] = [("o", "probability", {"color": BLUE})]
+    entries += [] if known.all() else [("v", "only a bound", {"color": GREY})]
+    entries.append(("s", "long axis in the target plane, 1σ", {"color": INK}))
     chart.height = chart.legend(entries, 278.0)
     names = ("until_utc", "n_observations", "probability", "low", "high", "semi_major_km")
     columns = {name: [one.get(name) for one in history] for name in names}

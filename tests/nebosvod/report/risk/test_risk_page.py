@@ -244,7 +244,7 @@ for (const name of names) {
     found[name] = {
       requests: frame.contentWindow.performance.getEntriesByType("resource").map(e => e.name),
       width: frame.clientWidth, scroll: d.documentElement.scrollWidth,
-      smallest: Math.min(...pictures.filter(p => !p.closest("#budget-0")).flatMap(p => texts(p).map(
+      smallest: Math.min(...pictures.flatMap(p => texts(p).map(
         t => parseFloat(frame.contentWindow.getComputedStyle(t).fontSize) * p.getScreenCTM().a))),
       cut: pictures.flatMap(p => texts(p).filter(t => {
         const a = t.getBoundingClientRect(), b = p.getBoundingClientRect();
