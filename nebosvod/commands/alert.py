@@ -26,6 +26,9 @@ from nebosvod.errors import EXIT_QUALITY, InputError
     help="Where to look next from: an observatory code, MISSION.yaml:TELESCOPE, .oem or .bsp; may be given again. "
     "[default: who observed last]",
 )
+@click.option(
+    "--by", multiple=True, help="Of a mission: count the measurements of this telescope alone; again for more."
+)
 @click.option("--hours", default="1,3,6,12,24", show_default=True, help="When: hours after the last observation.")
 @click.option("--history", "with_history", is_flag=True, help="Also after each observation.")
 @click.option("--decide", "with_decision", is_flag=True, help="Also which of these observations would settle it.")
@@ -34,8 +37,8 @@ from nebosvod.errors import EXIT_QUALITY, InputError
 @click.option("--json", "as_json", is_flag=True, help="Print it as JSON, and nothing else, on stdout.")
 def alert(
     files: tuple[str, ...], output: Path | None, designations: tuple[str, ...], since: str | None, until: str | None,
-    split: bool, within: str, unbound: bool, smallest: str, sites: tuple[str, ...], hours: str, with_history: bool,
-    with_decision: bool, seed: int, overwrite: bool, as_json: bool,
+    split: bool, within: str, unbound: bool, smallest: str, sites: tuple[str, ...],
+    by: tuple[str, ...], hours: str, with_history: bool, with_decision: bool, seed: int, overwrite: bool, as_json: bool,
 ) -> int:  # fmt: skip
     """Probability of impact from observations too few for an orbit, under three priors, with what to do next.
 
@@ -48,13 +51,14 @@ def alert(
     Example:  nebosvod alert 2018LA.txt --to 2018-06-02T08:40 --history
               nebosvod alert night.psv --split -o night
     """
-    from nebosvod.commands.alert_work import Asked, answer_every, answer_one
+    from nebosvod.commands.alert_made import Asked
+    from nebosvod.commands.alert_work import answer_every, answer_one
     from nebosvod.commands.progress import stages
 
     if split and (with_history or with_decision):
         raise InputError("--split: answers in a line; choose one object by --object for --history or --decide")
     asked = Asked.of(
-        within=within, bound=not unbound, smallest=smallest, sites=sites, hours=hours, seed=seed,
+        within=within, bound=not unbound, smallest=smallest, sites=sites, by=by, hours=hours, seed=seed,
         history=with_history, decide=with_decision, output=output, overwrite=overwrite, as_json=as_json,
     )  # fmt: skip
     with stages() as say:

@@ -7,7 +7,7 @@ from typing import Any
 import click
 
 from nebosvod.errors import counted
-from nebosvod.results.alert_folder import headline
+from nebosvod.results.alert_words import headline
 
 Row = Mapping[str, Any]
 QUANTITIES = (

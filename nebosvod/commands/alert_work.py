@@ -2,173 +2,24 @@
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import click
-import numpy as np
-import numpy.typing as npt
 
 from nebosvod.commands.alert_answer import line_of, print_alert
+from nebosvod.commands.alert_made import Answered, Asked, of_mission, of_records
 from nebosvod.commands.fit_work import SETTINGS, resolved
 from nebosvod.dynamics import Ephemeris
-from nebosvod.engine.truth import draw
-from nebosvod.ephemerides.observers import GEOCENTRE, observer
-from nebosvod.errors import InputError, NebosvodError, notes_of, noting
-from nebosvod.first_hour.alert import Alert, Question, alert
-from nebosvod.first_hour.decision import decide
-from nebosvod.first_hour.history import history
-from nebosvod.first_hour.observed import prepared, tracklet_of, with_shared, without_gross_errors
-from nebosvod.first_hour.region import Region
-from nebosvod.first_hour.simulated import simulated
-from nebosvod.first_hour.tracklet import Tracklet
-from nebosvod.mission import FitMission, load_any, load_mission
+from nebosvod.errors import InputError, NebosvodError, notes_of
+from nebosvod.mission import FitMission, load_any
 from nebosvod.mission.reading.builtin import builtin_names
 from nebosvod.mission.slugs import slug
-from nebosvod.observation import Telescope
-from nebosvod.observation.earth import obscodes
-from nebosvod.observation.formats.records import Astrometry
 from nebosvod.pipeline import objects
-from nebosvod.results.alert_folder import alert_result, summarise
+from nebosvod.results.alert_folder import alert_result
 from nebosvod.results.result import json_text
-from nebosvod.scene.material import Material
-from nebosvod.scene.prior import prior_table
-from nebosvod.scene.scene import build_scene, load_ephemeris
-from nebosvod.units import DURATION, LENGTH, quantity
+from nebosvod.scene.scene import load_ephemeris
 
-Array = npt.NDArray[np.float64]
 Say = Callable[[str], None]
-LONGEST_D, MOST_HOURS, MOST_MOMENTS = 3650.0, 50, 40
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Asked:
-    """What the command line asks, checked."""
-
-    question: Question
-    sites: tuple[Telescope, ...]
-    after_s: Array
-    history: bool
-    decide: bool
-    output: Path | None
-    overwrite: bool
-    as_json: bool
-
-    @classmethod
-    def of(
-        cls, *, within: str, bound: bool, smallest: str, sites: Sequence[str], hours: str, seed: int, history: bool,
-        decide: bool, output: Path | None, overwrite: bool, as_json: bool,
-    ) -> "Asked":  # fmt: skip
-        """The options as typed.
-
-        Raises
-        ------
-        InputError
-            If one cannot be used; names it.
-        """
-        within_d = _quantity("within", within, DURATION) / 86400.0
-        if not 0.0 < within_d <= LONGEST_D:
-            raise InputError(f"--within: {within_d:g} d (allowed: more than 0, up to {LONGEST_D:g} d)")
-        smallest_m = 1e3 * _quantity("smallest", smallest, LENGTH)
-        if not 0.0 < smallest_m < 1e6:
-            raise InputError(f"--smallest: {smallest_m:g} m (allowed: more than 0, below 1000 km)")
-        if seed < 0:
-            raise InputError(f"--seed: {seed} (allowed: 0 or more)")
-        region = Region(bound=bound, smallest_m=smallest_m)
-        return cls(
-            question=Question(region=region, within_d=within_d, seed=seed), sites=tuple(observer(one) for one in sites),
-            after_s=3600.0 * _hours(hours), history=history, decide=decide, output=output, overwrite=overwrite,
-            as_json=as_json,
-        )  # fmt: skip
-
-
-def _quantity(option: str, text: str, dimension: Any) -> float:
-    try:
-        return quantity(text, dimension)
-    except InputError as error:
-        raise InputError(f"--{option}: {error}") from None
-
-
-def _hours(text: str) -> Array:
-    """Hours, ascending, each once."""
-    try:
-        found = np.unique([float(word) for word in text.split(",")])
-    except ValueError:
-        raise InputError(f"--hours: needs numbers with commas between them (got {text[:40]})") from None
-    if not np.isfinite(found).all() or found.min() < 0.0 or found.size > MOST_HOURS:
-        raise InputError(f"--hours: needs up to {MOST_HOURS} numbers, 0 or more (got {text[:40]})")
-    return np.asarray(found)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Answered:
-    """An answer and its summary."""
-
-    alert: Alert
-    summary: dict[str, Any]
-
-
-def of_records(records: Astrometry, mission: FitMission, ephemeris: Ephemeris, asked: Asked, say: Say) -> Answered:
-    """The answer for the records of one object.
-
-    Raises
-    ------
-    GeometryError
-        If there is one time of observation, or no orbit of the region fits.
-    InputError, CoverageError, DataError
-        As a fit.
-    """
-    with noting(records.notices):
-        shared = with_shared(records, mission)
-        say("placing the observations")
-        material = prepared(records, shared, ephemeris)
-    with noting(material.notices):
-        whole = tracklet_of(material, records, shared)
-        tracklet, kept = without_gross_errors(whole, asked.question.region, shared)
-        who = asked.sites or (_last_observer(material),)
-        left = np.setdiff1d(np.arange(len(whole)), kept).tolist()
-        rejected = [{
-            "utc": str(material.astrometry.utc[k]), "station": str(material.astrometry.station[k]),
-            "file": str(material.astrometry.path[k]), "line": int(material.astrometry.line[k]),
-        } for k in left]  # fmt: skip
-        stations = list(dict.fromkeys(material.astrometry.station.tolist()))
-        return _answered(tracklet, who, asked, say, material.notices, rejected, stations)
-
-
-def _last_observer(material: Material) -> Telescope:
-    """Who observed last, where that place is known in the hours to come; else the Earth's centre."""
-    code = str(material.astrometry.station[int(np.argmax(material.astrometry.t_s))])
-    fixed = obscodes.known(code) and not obscodes.needs_position(code)
-    return observer(code if fixed else GEOCENTRE)
-
-
-def of_mission(name: str, asked: Asked, say: Say) -> Answered:
-    """The answer for the measurements that a mission simulates."""
-    mission = load_mission(name)
-    say("simulating the measurements")
-    scene = build_scene(mission)
-    priors = prior_table(mission, scene.forces, scene.state)
-    truth = draw(scene, priors, np.random.default_rng(np.random.SeedSequence(asked.question.seed)))
-    tracklet, numbers = simulated(scene, truth)
-    who = asked.sites or scene.telescopes
-    stations = [telescope.name for telescope in scene.telescopes]
-    return _answered(tracklet, who, asked, say, (), [], stations, numbers)
-
-
-def _answered(
-    tracklet: Tracklet, who: Sequence[Telescope], asked: Asked, say: Say, notices: Sequence[str],
-    rejected: Sequence[dict[str, Any]], stations: Sequence[str], truth: dict[str, float] | None = None,
-) -> Answered:  # fmt: skip
-    """Everything that was asked of a tracklet."""
-    say("laying the grid, flying the drawn orbits")
-    found = alert(tracklet, asked.question, who, asked.after_s)
-    moments = list(history(tracklet, asked.question, say, MOST_MOMENTS)) if asked.history else []
-    decisions = decide(found, who, asked.after_s, say) if asked.decide else []
-    summary = summarise(
-        found, notices=notices, rejected=rejected, stations=stations, history=moments, decisions=decisions, truth=truth
-    )
-    return Answered(alert=found, summary=summary)
 
 
 def answer_one(

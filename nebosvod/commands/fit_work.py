@@ -1,12 +1,15 @@
 """What `nebosvod fit` does: files in, run folders and a few lines on the terminal out."""
 
+import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import click
 
+from nebosvod.commands.alert_answer import line_of
 from nebosvod.commands.fit_answer import print_fit, print_line
-from nebosvod.errors import InputError, NebosvodError, notes_of
+from nebosvod.commands.short_arc import first_hour, in_place_of, is_short, say_instead, with_first_hour
+from nebosvod.errors import EventError, GeometryError, InputError, NebosvodError, notes_of
 from nebosvod.fits.suggestion import writable, write_suggestion
 from nebosvod.mission import FitMission, load_fit
 from nebosvod.mission.slugs import slug
@@ -14,6 +17,7 @@ from nebosvod.pipeline import every, fitted, mission_of, named, objects
 from nebosvod.report.pages import report_text
 from nebosvod.results.result import OwnedFolder, json_text
 from nebosvod.scene.dates import chosen_dates
+from nebosvod.scene.material import gather
 from nebosvod.scene.scene import load_ephemeris
 
 Say = Callable[[str], None]
@@ -57,12 +61,25 @@ def fit_one(
     suggest: Path | None = None,
 ) -> bool:
     """Fit one object, write its folder, print the answer, write suggested settings; returns whether it failed."""
+    started = time.time()
     if suggest is not None:
         writable(suggest, overwrite)
     with OwnedFolder(folder, report_text, overwrite=overwrite) as target:
         say("reading the observations")
         (records,) = objects(mission, split=False)
-        result, found = fitted(mission, records, load_ephemeris(mission), say, export=export)
+        ephemeris = load_ephemeris(mission)
+        try:
+            result, found = fitted(mission, records, ephemeris, say, export=export)
+        except (GeometryError, EventError) as error:
+            instead = first_hour(records, mission, ephemeris, say)
+            if instead is None:
+                raise
+            result = in_place_of(error, instead, ephemeris, str(mission.fit.observations[0]), started)
+            target.publish(result)
+            click.echo(result.summary_text(), nl=False) if as_json else say_instead(instead, folder)
+            return False
+        known = first_hour(records, mission, ephemeris, say) if is_short(result) else None
+        result = result if known is None else with_first_hour(result, known)
         target.publish(result)
     if suggest is not None:
         written = write_suggestion(suggest, mission, found.fit.found, found.fit.epoch, overwrite)
@@ -75,7 +92,9 @@ def fit_one(
         click.echo(result.summary_text(), nl=False)
     else:
         print_fit(result.summary, folder)
-    return result.failed
+        if known is not None:
+            say_instead(known, None)
+    return result.failed and known is None
 
 
 def fit_every(
@@ -91,12 +110,18 @@ def fit_every(
             click.echo("\n".join((said, *(f"notice: {note}" for note in notes_of(found)))), err=True)
             continue
         own = folder / slug(name, "object")
+        known = None
+        if is_short(found):
+            known = first_hour(gather(mission).of(name), mission, ephemeris, lambda message: None)
+            found = found if known is None else with_first_hour(found, known)
         with OwnedFolder(own, report_text, overwrite=overwrite) as target:
             target.publish(found)
-        failed = failed or found.failed
+        failed = failed or (found.failed and known is None)
         summaries.append(dict(found.summary))
         if not as_json:
             print_line(found.summary, own)
+            if known is not None:
+                click.echo(f"  {line_of(known.summary)}")
     if as_json:
         click.echo(json_text({"objects": summaries}), nl=False)
     return failed

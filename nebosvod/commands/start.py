@@ -12,6 +12,7 @@ ANSWERS = {  # whose answer -> the package and file of its JSON Schema
     "fit": ("nebosvod.results", "fit_summary.schema.json"),
     "ephemeris": ("nebosvod.results", "ephemeris.schema.json"),
     "approaches": ("nebosvod.results", "approaches.schema.json"),
+    "alert": ("nebosvod.results", "alert.schema.json"),
     "risk": ("nebosvod.results", "risk.schema.json"),
     "compare": ("nebosvod.results", "comparison.schema.json"),
     "compare-orbits": ("nebosvod.results", "orbit_comparison.schema.json"),

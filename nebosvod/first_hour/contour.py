@@ -19,7 +19,7 @@ def contours(points: Array, weight: Array | None = None) -> dict[str, list[Array
     w = np.full(len(points), 1.0 / len(points)) if weight is None else weight / weight.sum()
     middle = w @ points
     away = np.sqrt(w)[:, None] * (points - middle)
-    axes = np.linalg.svd(away.T, full_matrices=False)[0]
+    axes = np.linalg.svd(np.hstack([away.T, np.zeros((2, 2))]), full_matrices=False)[0]
     flat = (points - middle) @ axes
     size = np.maximum(np.ptp(flat, axis=0), 1e-12)
     sigma = np.sqrt(w @ flat**2)

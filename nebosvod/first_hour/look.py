@@ -82,7 +82,8 @@ def _field(name: str, epoch: Epoch, line: Array, magnitude: float | None, fallen
     across = np.stack([u @ east, u @ north], axis=1)
     sine = np.linalg.norm(across, axis=1)
     plane = across * (np.arctan2(sine, u @ centre) / np.maximum(sine, 1e-15))[:, None]
-    sigma = np.linalg.svd((plane - plane.mean(axis=0)).T / np.sqrt(len(plane)), compute_uv=False)
+    away = (plane - plane.mean(axis=0)).T / np.sqrt(len(plane))
+    sigma = np.linalg.svd(np.hstack([away, np.zeros((2, 2))]), compute_uv=False)
     around = {
         share: [_on_the_sky(edge, centre, east, north) for edge in edges] for share, edges in contours(plane).items()
     }

@@ -1,5 +1,7 @@
 """The measurements of a simulated mission as a tracklet, with what was true."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from nebosvod.engine.truth import Truth
@@ -12,8 +14,17 @@ from nebosvod.observation.measurement.photometry import apparent_magnitude
 from nebosvod.scene.scene import PlannedScene
 
 
-def simulated(scene: PlannedScene, truth: Truth) -> tuple[Tracklet, dict[str, float]]:
+def simulated(scene: PlannedScene, truth: Truth, by: Sequence[str] = ()) -> tuple[Tracklet, dict[str, float]]:
     """The tracklet of what was measured of a drawn truth, and its true range and range rate at the reference time.
+
+    Parameters
+    ----------
+    by : the telescopes whose measurements count; all where empty.
+
+    Raises
+    ------
+    InputError
+        If a telescope made none.
 
     Notes
     -----
@@ -22,7 +33,8 @@ def simulated(scene: PlannedScene, truth: Truth) -> tuple[Tracklet, dict[str, fl
     seen = compute(scene.trajectory, scene.exposures)
     columns = Columns.of(scene.nuisances, seen, scene.ephemeris)
     mission = scene.mission
-    tracklet = Tracklet.of(mission.object.name, scene.exposures, truth.psi, scene.forces, columns)
+    rows = scene.exposures.rows(by) if by else np.arange(len(scene.exposures))
+    tracklet = Tracklet.of(mission.object.name, scene.exposures, truth.psi, scene.forces, columns).select(rows)
     forces = scene.forces
     at = np.array([tracklet.epoch - scene.epoch])
     state = scene.propagate(truth.point.state, forces).state_at(at)
@@ -35,4 +47,5 @@ def simulated(scene: PlannedScene, truth: Truth) -> tuple[Tracklet, dict[str, fl
         lengths = np.array([np.linalg.norm(r)]), np.array([np.linalg.norm(away)])
         magnitude = float(apparent_magnitude(H, SLOPE, *lengths, phase)[0])
     made = Tracklet.of(mission.object.name, scene.exposures, truth.psi, scene.forces, columns, magnitude)
+    made = made.select(rows)
     return made, {"range_au": float(np.exp(x[0])), "rate_km_s": float(x[1])}

@@ -7,7 +7,6 @@ import numpy as np
 import numpy.typing as npt
 
 from nebosvod.dynamics import Ephemeris
-from nebosvod.errors import counted
 from nebosvod.first_hour.alert import KNOWN, Alert
 from nebosvod.first_hour.corridor import ENTRY_KM, Corridor
 from nebosvod.first_hour.decision import Decision
@@ -234,17 +233,3 @@ def _flat(row: Mapping[str, Any]) -> Row:
     for prior, one in (row.get("chances") or row["by_prior"]).items():
         found |= {f"{prior}_{name}": one[name] for name in ("probability", "low", "high")}
     return found
-
-
-def headline(summary: Mapping[str, Any]) -> str:
-    """The answer in a line."""
-    days = f"within {summary['within_d']:g} days"
-    if summary["bound"]:
-        return f"Probability to hit the Earth {days}: below {summary['high']:.2g} (95 %); no drawn orbit hits"
-    p, low, high = (summary[name] for name in ("probability", "low", "high"))
-    return f"Probability to hit the Earth {days}: {p:.3g} ({low:.3g} to {high:.3g})"
-
-
-def of_records(count: int) -> str:
-    """How many observations."""
-    return counted(count, "observation")

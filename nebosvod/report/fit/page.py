@@ -15,6 +15,7 @@ from nebosvod.report.run.encounters import encounter_plates
 from nebosvod.report.run.tables import Cell, prediction_table
 from nebosvod.report.run.trust import doubtful, nonlinearity_sentence, nonlinearity_table
 from nebosvod.results.ahead_words import ahead_sentences
+from nebosvod.results.alert_words import headline as first_hour_words
 from nebosvod.results.folder import Item, RunFolder, read_folder
 from nebosvod.results.outlook import bent_words
 
@@ -130,6 +131,9 @@ def _answers(run: RunFolder, fit: Item) -> list[tuple[str, list[Cell]]]:
     """Sentences made from numbers: how it ended, how well it agrees, what is to blame."""
     said: list[tuple[str, list[Cell]]] = [("Impact", [*run.impacts])] if run.impacts else []
     said.append(("How it ended", [fit["message"], f"The orbit started from {fit['start']}."]))
+    if run.summary.get("first_hour") is not None:
+        told = run.summary["first_hour"]
+        said.append(("What is known all the same", [f"{first_hour_words(told)}.", f"Of the range: {told['message']}."]))
     if run.summary.get("ahead") is not None:
         said.append(("What comes", [f"{text[0].upper()}{text[1:]}." for text in ahead_sentences(run.summary["ahead"])]))
     if run.unanswered:

@@ -101,6 +101,22 @@ def test_one_time_of_observation_is_no_answer(
     assert words in capsys.readouterr().err
 
 
+def test_a_fit_of_an_arc_too_short_answers_with_a_probability(
+    answer: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """What `fit` called wrong input, or nothing: a status, the family of the orbit, a probability."""
+    observations = answer.parent / "la.obs80"
+    assert main(["fit", str(observations), "-o", str(tmp_path / "fit")]) == 0
+    out = capsys.readouterr().out
+    assert "not observable:" in out
+    assert "Probability to hit the Earth within 100 days" in out
+    found, alone = summary_of(tmp_path / "fit"), summary_of(answer)
+    jsonschema.validate(found, json.loads(SCHEMAS["fit"].read_text("utf-8")))
+    assert found["fit"]["status"] == "not_observable"
+    assert found["first_hour"]["probability"] == pytest.approx(alone["probability"], rel=1e-9)
+    assert "Probability to hit the Earth" in (tmp_path / "fit" / "report.html").read_text("utf-8")
+
+
 def test_two_observations_tell_of_the_prior_alone_and_it_is_said(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
