@@ -14,10 +14,18 @@ import numpy.typing as npt
 
 from nebosvod.errors import InputError
 from nebosvod.estimation.filters import kalman
-from nebosvod.estimation.filters.combined import MIN_EFFECTIVE, REACH, GridBlock, equivalent_measurement, with_drift
+from nebosvod.estimation.filters.combined import (
+    MIN_EFFECTIVE,
+    REACH,
+    SINGULAR,
+    EquivalentMeasurement,
+    GridBlock,
+    equivalent_measurement,
+    with_drift,
+)
 from nebosvod.estimation.filters.kalman import Belief
 from nebosvod.estimation.filters.refinement import STEEP, Refined, refine
-from nebosvod.estimation.problem.square_root import covariance_factor, lower_factor, solve_square
+from nebosvod.estimation.problem.square_root import covariance_factor, lower_factor, row_units, solve_square
 
 Array = npt.NDArray[np.float64]
 RIM = 1e-3  # weight on the edge of the grid that is worth a warning
@@ -87,7 +95,7 @@ def follow(
 
     Parameters
     ----------
-    belief : of the state (s,) before the first step, nonsingular; the first d components are the nonlinear ones.
+    belief : of the state (s,) before the first step; the first d components are the nonlinear ones, and uncertain.
     cell, points, reach : of the first grid of a block, see `refinement.refine`.
     longest : a block is condensed after so many measurements at the latest.
 
@@ -95,6 +103,8 @@ def follow(
     ------
     InputError
         If d does not fit the state, or `longest` is not positive.
+    GeometryError
+        If a nonlinear coordinate is known exactly, or no node of a block has a finite weight.
 
     Notes
     -----
@@ -202,7 +212,7 @@ class _Arc:
         """One linear measurement of the mean over the interval and the rest at the end, taken by the filter."""
         d, s = self.d, len(self.means[-1])
         posterior = grid.block.moments()
-        linear = equivalent_measurement(self._empty(), posterior)
+        linear = _of_the_uncertain(self._empty(), posterior)
         inner = np.zeros((s, s))
         inner[:d, :d] = self.dQ
         linear = with_drift(linear, inner)
@@ -241,6 +251,17 @@ class _Arc:
             rest = np.hstack([step.F[d:, d:] @ rest + step.F[d:, :d] @ nodes, noise])
             nodes = np.pad(nodes, ((0, 0), (0, noise.shape[1])))
         return Belief(mean=np.concatenate([middle.mean, mean]), factor=lower_factor(np.vstack([nodes, rest])))
+
+
+def _of_the_uncertain(prior: Belief, posterior: Belief) -> EquivalentMeasurement:
+    """The equivalent measurement; components that the ones before them determine are not among what is measured."""
+    L = lower_factor(prior.factor)
+    free = np.flatnonzero(np.diag(L) > SINGULAR * row_units(L))
+    one, other = (Belief(mean=b.mean[free], factor=b.factor[free]) for b in (prior, posterior))
+    found = equivalent_measurement(one, other)
+    H = np.zeros((len(found.y), len(L)))
+    H[:, free] = found.H
+    return replace(found, H=H)
 
 
 def _resolves(ellipse: Array, drift: Array) -> bool:

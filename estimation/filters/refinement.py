@@ -7,20 +7,21 @@ and what is too sharp for the present cells is taken in part (tempered) until th
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
-from nebosvod.errors import InputError
-from nebosvod.estimation.filters.combined import MIN_EFFECTIVE, REACH, GridBlock
+from nebosvod.errors import GeometryError, InputError
+from nebosvod.estimation.filters.combined import MIN_EFFECTIVE, REACH, SINGULAR, GridBlock
 from nebosvod.estimation.filters.kalman import Belief
-from nebosvod.estimation.problem.square_root import lower_factor
+from nebosvod.estimation.problem.square_root import lower_factor, row_units
 
 Array = npt.NDArray[np.float64]
 LEAST = 1e-8  # a cell of a smaller part of the largest weight is dropped: beyond 6 sigmas of a normal posterior
 STEEP = 1.0  # mean difference of log weights of neighbours up to which a grid resolves: cells of about one sigma
 MOST = 20_000  # cells of a grid
+WORTHLESS = 1e4  # in log weight below all others
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -62,7 +63,7 @@ def refine(
     Parameters
     ----------
     evaluate : takes nodes (g, d), returns the block with their log weights: prior density (normal, mean and covariance
-        of `prior`) times likelihood.
+        of `prior`) times likelihood. Nodes with no finite weight, such as those off the chart, count nothing.
     prior : of the d nonlinear coordinates.
     points : nodes of the first grid along each axis at least, to `reach` sigmas.
     cell : largest spacing of the first grid, one for all coordinates or shape (d,): the length over which a map
@@ -73,6 +74,8 @@ def refine(
     ------
     InputError
         If the first grid would have more than 20 000 nodes.
+    GeometryError
+        If the prior is singular, or no node has a finite weight.
 
     Notes
     -----
@@ -84,6 +87,8 @@ def refine(
     if d < 1 or points < 5:
         raise InputError(f"refine: needs at least one coordinate and five points, got {d} and {points}")
     L = lower_factor(prior.factor)
+    if not (np.diag(L) > SINGULAR * row_units(L)).all():
+        raise GeometryError("refine: the prior covariance is singular")
     if cell is not None:
         wide = float(np.max(np.linalg.norm(L, axis=1) / np.asarray(cell, dtype=np.float64)))
         points = max(points, 2 * math.ceil(reach * wide) + 1)
@@ -99,7 +104,7 @@ def refine(
     edge = axis[-1] - 0.5 * size
     for stage in range(1, limit + 1):
         flat = unit.reshape(-1, d)
-        block = evaluate(prior.mean + flat @ L.T)
+        block = _sound(evaluate(prior.mean + flat @ L.T))
         tempered, power = _tempered(block.log_weight, -0.5 * np.sum(flat**2, axis=1))
         rim = float(block.weight[(np.abs(flat) > edge).any(axis=1)].sum())
         steepness = _steepness(block.log_weight, block.weight, shape)
@@ -109,6 +114,21 @@ def refine(
         kept = flat[_heaviest(tempered, MOST // 2**d)]
         unit, shape, size = kept[:, None] + size * corners, (2,) * d, 0.5 * size
     return found
+
+
+def _sound(block: GridBlock) -> GridBlock:
+    """The block with nodes of no finite weight made worthless."""
+    good = np.isfinite(block.log_weight) & np.isfinite(block.mean).all(axis=1)
+    if good.all():
+        return block
+    if not good.any():
+        raise GeometryError("refine: no node has a finite weight: the grid lies off the chart")
+    floor = block.log_weight[good].min() - WORTHLESS
+    return replace(
+        block,
+        log_weight=np.where(good, block.log_weight, floor),
+        mean=np.where(good[:, None], block.mean, 0.0),
+    )
 
 
 def _tempered(log_weight: Array, log_prior: Array) -> tuple[Array, float]:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from nebosvod.errors import InputError
+from nebosvod.errors import GeometryError, InputError
 from nebosvod.estimation.filters import kalman
 from nebosvod.estimation.filters.block_loop import Step, follow
 from nebosvod.estimation.filters.kalman import Belief
@@ -146,3 +146,32 @@ def test_wrong_dimensions_are_refused():
     with pytest.raises(InputError, match="longest"):
         next(follow(start, [], 1, longest=0))
     assert list(follow(start, [], 1)) == []
+
+
+def test_a_component_known_exactly_is_no_hindrance_and_a_known_coordinate_is_said():
+    rng = np.random.default_rng(6)
+    known = Belief(mean=np.array([0.3, 0.5, 0.0]), factor=np.diag([1.0, 0.0, 0.0]))  # rate and sensor without error
+    steps = [
+        Step(**{name: getattr(s, name) for name in ("F", "observed", "predict", "H", "R")}, Q=np.zeros((3, 3)))
+        for s in linear_steps(rng, 6, q=0.0, sigma=0.5)
+    ]
+    *_, last = follow(known, steps, 1, points=61)
+    wanted = kalman_of(known, steps)
+    np.testing.assert_allclose(last.belief.mean, wanted.mean, atol=1e-5)
+    np.testing.assert_allclose(last.belief.covariance, wanted.covariance, atol=1e-5)
+    with pytest.raises(GeometryError, match="singular"):
+        list(follow(Belief.of([0.0, 0.0, 0.0], np.diag([0.0, 0.0, 1.0])), steps, 1))
+
+
+def test_nodes_off_the_chart_count_nothing():
+    """A chart that ends at zero: the posterior is the half-normal one, and without any chart the loop says so."""
+    start = Belief.of([0.0, 0.0], np.diag([1.0, 1e-4]))
+    step = Step(F=np.eye(2), Q=np.zeros((2, 2)), observed=np.array([0.0]), H=np.zeros((1, 1)), R=np.array([[1.0]]),
+                predict=lambda nodes: np.where(nodes < 0.0, np.nan, 0.0))  # fmt: skip
+    (found,) = follow(start, [step], 1, points=201)
+    assert found.block.mean[0] == pytest.approx(np.sqrt(2.0 / np.pi), rel=0.03)
+    assert found.block.covariance[0, 0] == pytest.approx(1.0 - 2.0 / np.pi, rel=0.06)
+    nowhere = Step(F=np.eye(2), Q=np.zeros((2, 2)), observed=np.array([0.0]), H=np.zeros((1, 1)), R=np.array([[1.0]]),
+                   predict=lambda nodes: np.full_like(nodes, np.nan))  # fmt: skip
+    with pytest.raises(GeometryError, match="off the chart"):
+        list(follow(start, [nowhere], 1))
