@@ -93,28 +93,28 @@ def test_blocks_over_a_map_agree_with_a_great_many_particles(seed):
     assert np.all((ratio > 0.85) & (ratio < 1.2))
 
 
-def require_table(example: ModuleType, runs: int) -> dict[float, dict[str, tuple[float, float, int]]]:
-    """The comparison at three priors; what holds for any number of runs."""
-    table = {prior: example.compare(prior, runs, ("combined", "extended")) for prior in (0.15, 1.0, 2.5)}
+def require_table(example: ModuleType, runs: dict[float, int]) -> dict[float, dict[str, tuple[float, float, int]]]:
+    """The comparison at some priors; what holds for any number of runs."""
+    table = {prior: example.compare(prior, count, ("combined", "extended")) for prior, count in runs.items()}
     for prior, rows in table.items():
         rms, nees, lost = rows["combined"]
         assert lost == 0, prior
         assert rms < 0.30
-        assert nees < 2.2
+        assert nees < 2.5
     return table
 
 
 def test_the_combined_algorithm_loses_no_run_where_the_extended_filter_does():
-    table = require_table(load("map_navigation"), 2)
+    table = require_table(load("map_navigation"), {0.15: 1, 2.5: 2})
     assert table[2.5]["extended"][0] > 1.0
     assert table[2.5]["extended"][1] > 50.0
 
 
 @pytest.mark.long
 def test_a_hundred_voyages_at_each_prior():
-    table = require_table(load("map_navigation"), 100)
-    for prior in table:
-        rms, nees, _ = table[prior]["combined"]
+    table = require_table(load("map_navigation"), dict.fromkeys((0.15, 1.0, 2.5), 100))
+    for rows in table.values():
+        rms, nees, _ = rows["combined"]
         assert rms < 0.205
         assert 0.70 < nees < 1.37  # 99.9 % of chi-square with 200 degrees of freedom
     assert table[1.0]["extended"][1] > 50.0
@@ -143,12 +143,12 @@ def test_a_short_arc_is_condensed_as_a_dense_grid_has_it_and_honestly():
 
 def test_the_attitude_with_dynamics_and_wheels_is_found_and_a_small_q_shows():
     example = load("satellite_wheels")
-    flights = [example.fly(np.random.default_rng(seed)) for seed in range(3)]
-    believed = example.fly(np.random.default_rng(0), q=0.01)  # torques ten times too small
+    flights = [example.fly(np.random.default_rng(seed), 200) for seed in range(2)]
+    believed = example.fly(np.random.default_rng(0), 200, q=0.01)  # torques ten times too small
     assert 0.7 < np.mean([flight.nees.mean() for flight in flights]) / 6.0 < 1.4
     assert believed.nees[50:].mean() / 6.0 > 20.0
     for flight in flights:
-        assert flight.sigma[-1] < 0.4 * flight.sigma[0]
+        assert flight.sigma[-1] < 0.5 * flight.sigma[0]
         assert flight.angle[-1] < 3.5 * flight.sigma[-1]
         assert np.abs(flight.wheels[-1]).max() > 1e-6  # they have taken up the torques
 
