@@ -130,6 +130,9 @@ def _load(file: YamlFile, path: Path | None) -> Mission | FitMission:
     if not isinstance(tree, dict):
         raise _refusal(file, [Problem(Mark(1, 1), "a mission is a block of keys, such as schema_version: 1")])
     _refuse_newer(file, tree)
+    if "study" in tree and not {"object", "telescopes", "fit"} & tree.keys():
+        text = f"study: this file is a study, not a mission; it is for: nebosvod study {file.name}"
+        raise _refusal(file, [Problem(file.keys[("study",)], text)])
     tree, found = resolve_files(tree, path.parent if path is not None else None)
     model: type[Mission] | type[FitMission] = FitMission if "fit" in tree else Mission
     explainer = Explainer(file, tree, aliases, model)

@@ -272,3 +272,35 @@ def test_studies_side_by_side(place: Path, done: Path, tmp_path: Path, capsys: p
     assert later[1]["to_first"] == pytest.approx({"n": 4, "median": 1.0, "least": 1.0, "largest": 1.0}, rel=1e-9)
     assert main(["compare", str(done), str(place)]) == 2
     assert "is no study" in capsys.readouterr().err
+
+
+def test_a_study_where_a_mission_is_wanted_is_told_what_it_is_for(
+    place: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for verb in ("run", "check", "validate"):
+        assert main([verb, str(place / "study.yaml")]) == 2
+        assert "study.yaml:2:1: study: this file is a study" in capsys.readouterr().err
+
+
+@pytest.mark.long
+def test_a_full_disk_is_a_sentence_and_what_is_finished_is_kept(
+    place: Path, done: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A file system of its own, too small for the chunks and then large enough."""
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=20k", "tmpfs", str(disk)], capture_output=True)
+    if mounted.returncode:
+        pytest.skip(f"no file system can be mounted here: {mounted.stderr.decode().strip()}")
+    try:
+        words = ["study", str(place / "study.yaml"), "-o", str(disk / "o"), "--workers", "1"]
+        assert main(words) == 3
+        assert "the disk is full; finished chunks are kept" in capsys.readouterr().err
+        kept = {path.name: path.stat().st_mtime_ns for path in (disk / "o" / "chunks").iterdir()}
+        subprocess.run(["mount", "-o", "remount,size=10m", str(disk)], check=True)
+        assert main([*words, "--resume"]) == 0
+        assert (disk / "o" / "results.ecsv").read_bytes() == (done / "results.ecsv").read_bytes()
+        assert kept
+        assert {name: (disk / "o" / "chunks" / name).stat().st_mtime_ns for name in kept} == kept
+    finally:
+        subprocess.run(["umount", str(disk)], check=False)
