@@ -16,10 +16,14 @@ PAGES = {
     "validation report": "validate",
     "accuracy report": "run",
     "orbit fit": "fit",
+    "ephemeris": "ephemeris",
+    "approaches": "approaches",
+    "impact risk": "risk",
 }
 PLAN_KEYS = {"windows", "greedy", "uniform"}
 VALIDATION_KEYS = {"n_runs", "mode", "estimators", "verdict"}
 COMPARISON_KEYS = {"runs", "budget", "ellipses"}
+ORBIT_COMPARISON_KEYS = {"kind", "runs", "warnings", "rows"}
 
 
 def not_a_run(path: Path) -> str:
@@ -80,7 +84,7 @@ def _written(path: Path) -> str:
     keys = set(read_json(path))
     if keys >= PLAN_KEYS:
         return "is a plan: its page is made together with it, by nebosvod plan MISSION --page NAME.html"
-    if keys >= COMPARISON_KEYS:
+    if keys >= COMPARISON_KEYS or keys >= ORBIT_COMPARISON_KEYS:
         return "is a comparison: its page is made by nebosvod compare DIR DIR --page NAME.html"
     return ""
 

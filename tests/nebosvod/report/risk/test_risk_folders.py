@@ -55,6 +55,17 @@ def test_risks_compare_impact_by_impact(pair: Any, tmp_path: Path, capsys: pytes
     assert f"P {p:.3g} (" in said
 
 
+def test_a_page_or_a_comparison_by_itself_is_named(
+    pair: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["compare", *map(str, pair), "--json"]) == 0
+    (tmp_path / "both.json").write_text(capsys.readouterr().out, "utf-8")
+    (tmp_path / "page.html").write_bytes((pair[0] / "report.html").read_bytes())
+    for name, said in (("both.json", "is a comparison: its page is made by"), ("page.html", "page of nebosvod risk")):
+        assert main(["report", str(tmp_path / name)]) == 2
+        assert said in capsys.readouterr().err
+
+
 def test_two_kinds_do_not_compare(pair: Any, minimal_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["compare", str(pair[0]), str(minimal_folder)]) == 2
     assert "folders of one kind compare with each other" in capsys.readouterr().err
