@@ -2,6 +2,7 @@
 
 import contextlib
 import io
+import json
 import re
 import runpy
 import shlex
@@ -173,6 +174,16 @@ def test_following_the_readme_gives_what_the_readme_shows(elsewhere: Path) -> No
 
 def test_following_the_page_on_small_sigmas_gives_what_it_shows(elsewhere: Path) -> None:
     assert follow(ROOT / "docs" / "why-your-sigma-is-too-small.md") == []
+
+
+def test_the_worked_exercise_of_an_impact_gives_what_it_says(elsewhere: Path) -> None:
+    """From two days of observations to the decision to go on, and what a week says."""
+    assert follow(ROOT / "docs" / "impact.md") == []
+    for name, said in (("found-risk", 0.0214), ("week-risk", 0.53)):
+        summary = json.loads((Path(name) / "summary.json").read_text("utf-8"))
+        (one,) = summary["virtual_impactors"]
+        assert one["probability"] == pytest.approx(said, rel=0.15)
+        assert "disagrees" not in one["reason"]
 
 
 def test_the_reference_of_keys_is_the_one_the_schema_gives() -> None:

@@ -14,7 +14,7 @@ Coordinates = Literal["cartesian", "equinoctial"]
 @click.argument("orbit")
 @click.option("--until", required=True, help="Last date, UTC.")
 @click.option("--bodies", default="earth,moon", show_default=True, help="What may be hit: planets and moon, by commas.")
-@click.option("--on", help="From when the years of the Palermo scale count, UTC; the epoch of the orbit by default.")
+@click.option("--on", help="From when the years of the Palermo scale count, UTC; the last observation by default.")
 @click.option("--draws", default=10_000, show_default=True, help="Orbits of the plain sampling.")
 @click.option(
     "--coordinates",
@@ -67,7 +67,7 @@ def risk(
     with stages() as progress:
         found = search(
             given, last, ephemeris, bodies=targets, on=since, draws=draws, seed=seed, coordinates=coordinates,
-            say=progress,
+            diameter_km=None if size is None else size.diameter_km, say=progress,
         )  # fmt: skip
         summary = summarise(found, targets, seed, size)
         if recorded is not None:

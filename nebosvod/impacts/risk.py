@@ -23,6 +23,7 @@ from nebosvod.impacts.importance import sample
 from nebosvod.impacts.interval import effective
 from nebosvod.impacts.line import Line, line_of_variations
 from nebosvod.impacts.ways import Way, by_importance, by_line, by_linear, by_sampling, recommended
+from nebosvod.impacts.yarkovsky import with_yarkovsky
 from nebosvod.orbits.uncertain import UncertainOrbit
 from nebosvod.timescale import Epoch
 
@@ -97,14 +98,15 @@ class Risk:
 def risk(
     orbit: UncertainOrbit, until: Epoch, ephemeris: Ephemeris, *, bodies: Sequence[str] = BODIES,
     on: Epoch | None = None, draws: int = 10_000, seed: int = 1, coordinates: Coordinates = "cartesian",
-    say: Callable[[str], None] = lambda line: None,
+    diameter_km: float | None = None, say: Callable[[str], None] = lambda line: None,
 ) -> Risk:  # fmt: skip
     """Probability that an orbit hits a body until a date.
 
     Parameters
     ----------
     bodies : what may be hit: planets and "moon".
-    on : from when the years of the Palermo scale count; the epoch of the orbit by default, never the clock.
+    on : from when years count; by default the last observation, else the epoch of the orbit, never the clock.
+    diameter_km : by which an A2 that is not estimated is drawn, more than 20 years ahead; None: without.
     draws : orbits of the plain sampling, and the most of each importance sampling.
     coordinates : in which the confidence region is an ellipsoid.
 
@@ -118,6 +120,7 @@ def risk(
     if until <= orbit.epoch:
         raise InputError(f"--until: {until.iso('utc', 0)} is not after the epoch of the orbit, {orbit.epoch.iso()}")
     ephemeris.require(orbit.epoch, np.array([until - orbit.epoch]))
+    orbit = with_yarkovsky(orbit, until, diameter_km)
     streams = [np.random.default_rng(one) for one in np.random.SeedSequence(seed).spawn(2)]
     course = Course(orbit=orbit, ephemeris=ephemeris, last=until, bodies=tuple(bodies), coordinates=coordinates)
     say("flying the estimate")
@@ -139,7 +142,7 @@ def risk(
     found.sort(key=lambda one: one.epoch - orbit.epoch)
     return Risk(
         orbit=orbit, impactors=tuple(found), cloud=cloud, line=line, no_line=no_line,
-        on=orbit.epoch if on is None else on, until=until, coordinates=coordinates,
+        on=on or orbit.last_observation or orbit.epoch, until=until, coordinates=coordinates,
     )  # fmt: skip
 
 

@@ -59,6 +59,7 @@ class Given:
     radiation: RadiationPressure | None = None
     nongrav: Nongrav | None = None
     magnitude: tuple[float, float] | None = None
+    last_observation: Epoch | None = None
     settings: Mapping[str, Any] = field(default_factory=lambda: SETTINGS_OF_OTHERS)
     notices: tuple[str, ...] = ()
 
@@ -90,6 +91,7 @@ def uncertain(given: Given, origin: str) -> UncertainOrbit:
         nongrav=given.nongrav,
         settings=given.settings,
         magnitude=given.magnitude,
+        last_observation=given.last_observation,
         origin=origin,
         notices=given.notices,
     )

@@ -71,8 +71,15 @@ def _orbit(
         sources={str(name): unit[:, None] * np.asarray(G, dtype=np.float64) for name, G in parts},
         shared=_shared(arrays, label, len(names)),
         magnitude=_magnitude(summary),
+        last_observation=_last_observation(summary),
         origin=f"{path} ({kind})",
     )
+
+
+def _last_observation(summary: Mapping[str, Any]) -> Epoch | None:
+    """Of a fit."""
+    said = (summary.get("fit") or {}).get("last_observation_utc")
+    return Epoch.parse(f"{said.removesuffix('Z')} UTC") if isinstance(said, str) else None
 
 
 def _shared(arrays: Mapping[str, npt.NDArray[Any]], label: str, size: int) -> dict[str, Array]:

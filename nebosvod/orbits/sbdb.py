@@ -66,6 +66,7 @@ def read_sbdb(path: Path, answer: Mapping[str, Any]) -> Given:
         radiation=forces.radiation,
         nongrav=forces.nongrav,
         magnitude=_magnitude(answer),
+        last_observation=_last_observation(orbit),
         notices=(*singular, *(f"{name}: {text}" for text in _left_out(model, dropped))),
     )
 
@@ -193,6 +194,15 @@ def _object_name(answer: Mapping[str, Any], file: str) -> str:
     known = answer.get("object")
     known = known if isinstance(known, dict) else {}
     return str(known.get("fullname") or known.get("des") or Path(file).stem).strip()
+
+
+def _last_observation(orbit: Mapping[str, Any]) -> Epoch | None:
+    """The day of the last observation, which the service tells as a date."""
+    said = orbit.get("last_obs")
+    try:
+        return Epoch.parse(f"{said} UTC") if isinstance(said, str) else None
+    except InputError:
+        return None
 
 
 def _magnitude(answer: Mapping[str, Any]) -> tuple[float, float] | None:

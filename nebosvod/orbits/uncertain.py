@@ -37,6 +37,7 @@ class UncertainOrbit:
     shared : errors of telescopes that the measurements behind this orbit have in common and coming ones will have, by
         name: rows (6 + m + k,) of the joint lower factor, over the unit draws of `factor` and then of all k of these.
     magnitude : H and G, or None.
+    last_observation : when it was last seen, where that is known.
     origin : what it was read from, in words.
     notices : what a reader must know before using it.
 
@@ -57,6 +58,7 @@ class UncertainOrbit:
     sources: Mapping[str, Array] = field(default_factory=dict)
     shared: Mapping[str, Array] = field(default_factory=dict)
     magnitude: tuple[float, float] | None = None
+    last_observation: Epoch | None = None
     origin: str = ""
     notices: tuple[str, ...] = ()
 

@@ -21,6 +21,7 @@ from nebosvod.impacts.flight import Course
 from nebosvod.impacts.risk import Risk, risk
 from nebosvod.impacts.scales import palermo, torino
 from nebosvod.impacts.ways import Way
+from nebosvod.impacts.yarkovsky import with_yarkovsky
 from nebosvod.orbits.conversion import balanced_factor
 from nebosvod.timescale import SECONDS_PER_DAY, Epoch
 
@@ -360,3 +361,23 @@ def test_the_palermo_scale_of_bennu_is_the_published_one() -> None:
 def test_the_torino_scale_is_that_of_published_cases(probability: float, energy: float, wanted: int) -> None:
     assert torino(probability, energy, 20.0) == wanted
     assert torino(probability, energy, 101.0) is None
+
+
+@needs_data
+def test_an_a2_that_nobody_estimated_is_drawn_by_size_more_than_twenty_years_ahead(bodies: Ephemeris) -> None:
+    orbit = read_orbit(DATA / "neocc" / "2023DZ2.ke0")
+    near, far = (with_yarkovsky(orbit, Epoch.parse(f"{year}-01-01 UTC"), 0.05) for year in (2040, 2060))
+    assert near is orbit
+    assert far.parameter_names == ("a2_au_d2",)
+    assert far.sigma[6] == pytest.approx(1e-14 / 0.05)
+    assert far.covariance[:6, :6] == pytest.approx(orbit.covariance, rel=1e-12)
+    assert "A2 is not estimated" in far.notices[-1]
+    flown = Course(orbit=far, ephemeris=bodies, last=Epoch.parse("2024-01-01 UTC"), bodies=("earth",))
+    assert len(flown.fly(draw(far, 5, np.random.default_rng(1)))) == 5
+    known = read_orbit(DATA / "sbdb" / "99942_phys.json")
+    assert with_yarkovsky(known, Epoch.parse("2100-01-01 UTC"), 0.34) is known
+
+
+@needs_data
+def test_years_count_from_the_last_observation_where_a_file_tells_it() -> None:
+    assert read_orbit(DATA / "sbdb" / "2024YR4_phys.json").last_observation == Epoch.parse("2025-05-11 UTC")
