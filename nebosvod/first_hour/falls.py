@@ -30,6 +30,7 @@ TARGET_KM = 3e4  # a cell that misses by as much may hold orbits that hit
 FIRST, MORE, ROUNDS = 150, 100, 2
 CLEAR = 1e-6  # of a cell: it need not be looked at again
 TAIL = 0.025
+FEW_HITS = 5.0
 LEFT_OUT = 1e-6  # of the mass, that no cell or no draw stands for
 
 
@@ -186,16 +187,25 @@ def chance(grid: Grid, falls: Falls, prior: str = HEADLINE, body: str = "earth")
         return Chance(probability=0.0, low=0.0, high=min(high + LEFT_OUT, 1.0), hits=0, bound=True)
     p = float(w @ hit)
     guess, drawn = _of_cells(grid, falls, hit), np.maximum(np.bincount(cell, minlength=m), 1)
+    guess = np.where(np.bincount(cell, falls.flown, m) > 0, guess, 0.0)  # nobody of these comes near
     variance = float(np.sum(np.bincount(cell, w, m) ** 2 * guess * (1.0 - guess) / drawn))
-    number = p * (1.0 - p) / variance if variance > 0.0 and p < 1.0 else float(len(w))
-    low, high = of_share(p, max(number, 1.0))
+    low, high = interval(p, variance, len(w))
     return Chance(probability=p, low=low, high=high, hits=int(hit.sum()), bound=False)
 
 
-def of_share(p: float, number: float) -> tuple[float, float]:
-    """The interval of a probability known as well as by so many plain draws, after Clopper and Pearson."""
+def interval(p: float, variance: float, draws: int) -> tuple[float, float]:
+    """95 % of a probability whose error has a variance.
+
+    Notes
+    -----
+    That of as many plain draws as would have the same error, after Clopper and Pearson. Of fewer than five effective
+    hits nothing below is excluded, and above it ends four sigmas on: one hit of N draws leaves 5.6/N.
+    """
+    if p * p < FEW_HITS * variance:
+        return 0.0, min(p + 4.0 * float(np.sqrt(variance)), 1.0)
+    number = min(p * (1.0 - p) / variance, 1e9) if variance > 0.0 and p < 1.0 else float(draws)
     hits = p * number
-    low = float(betaincinv(max(hits, 1e-9), number - hits + 1.0, TAIL))
+    low = float(betaincinv(hits, number - hits + 1.0, TAIL))
     high = float(betaincinv(hits + 1.0, max(number - hits, 1e-9), 1.0 - TAIL))
     return min(low, p), max(high, p)
 
