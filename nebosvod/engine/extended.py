@@ -25,6 +25,7 @@ from nebosvod.estimation import IterationResult, LinearProblem, Status
 from nebosvod.estimation.filters import kalman
 from nebosvod.estimation.filters.kalman import Belief
 from nebosvod.estimation.solvers import batch, recursive
+from nebosvod.estimation.solvers.iteration import recentred, step_length
 from nebosvod.estimation.solvers.tracked import Moving, Track
 from nebosvod.observation import Common, residual
 from nebosvod.observation.measurement.astrometry import compute
@@ -35,6 +36,7 @@ from nebosvod.scene.scene import Scene
 
 Array = npt.NDArray[np.float64]
 TOLERANCE = 1e-4  # of a sigma, that a measurement may still move its point when it is left
+FAR = 1.0  # of a sigma, root mean square, from the minimum: what is left of second-order terms is no estimate
 WENT_ONCE = "The filter went once through the measurements; it does not return to them."
 LOST = "The filter lost the orbit: {}."
 
@@ -64,7 +66,7 @@ def pass_through(scene: Scene, start: View, problem: LinearProblem, observed_psi
             run.take(k, iterated)
         x0 = run.at_the_epoch()
     except (InputError, CoverageError, EventError) as error:
-        return _lost(problem, run, LOST.format(str(error).rstrip(".")))
+        return lost(problem, run.path(), error)
     own = run.linearised()
     estimate = recursive.solve(own, history=False)
     status, message = Status.CONVERGED, WENT_ONCE
@@ -91,14 +93,32 @@ def pass_through(scene: Scene, start: View, problem: LinearProblem, observed_psi
     return Passed(found=found, problem=own, path=run.path())
 
 
-def _lost(problem: LinearProblem, run: "_Run", message: str) -> Passed:
+def lost(problem: LinearProblem, path: Path, reason: Exception) -> Passed:
     """The end of a filter whose orbit is none."""
+    message = LOST.format(str(reason).rstrip("."))
     estimate = replace(batch.solve(problem), status=Status.DIVERGED, message=message, solution=None)
     found = IterationResult(
         estimate=estimate, status=Status.DIVERGED, message=message, iterations=1,
         deviation=dict.fromkeys(estimate.names, 0.0), cost=(), steps=(), damping=(),
     )  # fmt: skip
-    return Passed(found=found, problem=problem, path=run.path())
+    return Passed(found=found, problem=problem, path=path)
+
+
+def held_against(passed: Passed, there: LinearProblem) -> Passed:
+    """The end of a filter, doubted where the problem linearised there says that its minimum is far.
+
+    Parameters
+    ----------
+    there : linearised where the filter ended, priors about the start.
+    """
+    step = recursive.solve(recentred(there, passed.found.deviation), history=False)
+    far = np.inf if step.solution is None else step_length(step)
+    if not far > FAR or passed.found.estimate.solution is None:
+        return passed
+    message = f"{WENT_ONCE} It ended {far:.3g} sigmas from the minimum of the cost: the problem bends too much for it."
+    status = Status.DIVERGED
+    estimate = replace(passed.found.estimate, status=status, message=message)
+    return replace(passed, found=replace(passed.found, estimate=estimate, status=status, message=message))
 
 
 @dataclass(slots=True, kw_only=True, eq=False)

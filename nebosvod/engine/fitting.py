@@ -10,9 +10,10 @@ import numpy.typing as npt
 
 from nebosvod.dynamics import Trajectory
 from nebosvod.engine.assembly import linear_problem, view
-from nebosvod.engine.extended import pass_through
+from nebosvod.engine.extended import held_against, lost, pass_through
 from nebosvod.engine.filtering import MOST, Filtered, Path, filtered, linear_path
 from nebosvod.engine.mean_errors import MeanErrors, mean_errors
+from nebosvod.errors import CoverageError, EventError, InputError
 from nebosvod.estimation import Estimate, History, IterationResult, LinearProblem, Status, gauss_newton
 from nebosvod.estimation.solvers import batch, recursive, separated, sequential
 from nebosvod.mission import Estimator
@@ -181,7 +182,13 @@ def _passed_through(
     seen = start
     if passed.found.estimate.solution is not None:
         point = start.point.moved(passed.found.deviation)
-        seen = view(scene, point, start.observation.light_time_s, simulates=False)
+        try:
+            seen = view(scene, point, start.observation.light_time_s, simulates=False)
+        except (InputError, CoverageError, EventError) as error:
+            passed = lost(problem, passed.path, error)
+        else:
+            there = linear_problem(scene, estimator, seen, observed_psi, priors, about=start.point)
+            passed = held_against(passed, there)
     return Convergence(found=passed.found, problem=passed.problem, seen=seen, path=passed.path)
 
 
