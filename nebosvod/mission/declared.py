@@ -182,6 +182,13 @@ class TrueAcceleration(TrueValue):
     sigma: AccelerationSpread | None = None
 
 
+class TrueMagnitude(TrueValue):
+    """Of an absolute magnitude."""
+
+    value: Annotated[float, Field(ge=-5.0, le=40.0)] | None = None
+    sigma: Spread | None = None
+
+
 class TrueAmplitude(TrueValue):
     """Of the amplitude of the photocentre."""
 

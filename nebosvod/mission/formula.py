@@ -12,6 +12,7 @@ PARAMETERS: Mapping[str, str] = {
     "A1": "a1_au_d2",
     "A2": "a2_au_d2",
     "A3": "a3_au_d2",
+    "H": "H_mag",
 }
 CONSTANTS = ("gm_sun", "gm_earth", "au")  # km^3/s^2, km
 ENERGY = "(vx^2 + vy^2 + vz^2) / 2 - gm_sun / hypot(x, y, z)"  # specific, km^2/s^2

@@ -39,7 +39,7 @@ TWO_STAGE = ("two_stage", "hsieh_chen")  # methods that keep the orbit and what 
 EXTENDED = ("ekf", "iterated_ekf")  # methods that linearise each measurement anew, and go through them once
 WITH_HISTORY = (*TWO_STAGE, *EXTENDED, "smoother")  # methods whose beliefs after each measurement are kept
 FROM_A_PRIOR = (*WITH_HISTORY, *OWN_GAIN)  # methods that start from a prior of everything they estimate
-PARAMETER_GROUPS = ("radius", "mass", "albedo", "thermal_emission", "A1", "A2", "A3", "a1_residual")
+PARAMETER_GROUPS = ("radius", "mass", "albedo", "thermal_emission", "A1", "A2", "A3", "a1_residual", "H")
 
 
 def _names(value: Any) -> Any:

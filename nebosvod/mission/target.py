@@ -4,16 +4,19 @@ import math
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal, Self
 
+import numpy as np
 from pydantic import Discriminator, Field, Tag
 
 from nebosvod.borders.treatment import Treatment
-from nebosvod.mission.declared import TrueAcceleration, twin_complaints
+from nebosvod.mission.declared import TrueAcceleration, TrueMagnitude, twin_complaints
 from nebosvod.mission.fields import (
     Acceleration,
     Block,
     KeyPath,
     PositiveAcceleration,
     PositiveLength,
+    PositiveNumber,
+    Several,
     Text,
 )
 from nebosvod.mission.found import FileOrbit, parameter_of
@@ -40,9 +43,11 @@ from nebosvod.mission.values import (
 )
 from nebosvod.units import AU_KM
 
+Correlated = Literal["radius", "mass", "albedo", "thermal_emission", "A1", "A2", "A3", "a1_residual", "H"]
 Exponent = Annotated[float, Field(ge=0.0, le=20.0)]
 FOUR_THIRDS_PI = 4.1887902047863905
 # What is estimated in place of a quantity whose error is lognormal -> the quantity, as the force model names it
+MAGNITUDE = "H_mag"  # the absolute magnitude among the parameters; no force feels it
 LOGARITHMS = {"ln_radius": "radius_m", "ln_mass": "mass_kg", "ln_albedo": "albedo"}
 Orbit = Annotated[
     CometaryOrbit | KeplerianOrbit | EquinoctialOrbit | StateOrbit | ImpactOrbit | SbdbOrbit | FileOrbit,
@@ -58,11 +63,41 @@ class Magnitude(Block):
 
     H: Annotated[float, Field(ge=-5.0, le=40.0, description="Absolute magnitude")]
     G: Annotated[float, Field(ge=-0.5, le=1.0, description="Slope parameter")] = 0.15
+    sigma: PositiveNumber | None = Field(None, description="Of H; it matters where H is correlated with what is seen")
+    treatment: Treatment = "fixed"
+    true: TrueMagnitude | None = Field(None, description="What H really is, where that is not as assumed")
+
+    def complaints(self) -> list[tuple[KeyPath, str]]:
+        """A sigma asks for a treatment, and a treatment for a sigma."""
+        if self.sigma is not None and "treatment" not in self.model_fields_set:
+            return [(("treatment",), "is missing beside a sigma")]
+        if self.sigma is None and self.treatment != "fixed":
+            return [(("sigma",), f"is missing; {self.treatment} needs it")]
+        return twin_complaints(self.true, self.sigma is not None, self.treatment)
+
+    @property
+    def truth(self) -> "Magnitude":
+        """What it really is."""
+        if self.true is None:
+            return self
+        said = {("H" if key == "value" else key): value for key, value in self.true.said.items()}
+        return self.model_copy(update={**said, "true": None})
 
     @property
     def phase_integral(self) -> float:
         """q = 0.290 + 0.684 G (Bowell et al. 1989): Bond albedo = q times geometric albedo."""
         return 0.290 + 0.684 * self.G
+
+
+class Correlation(Block):
+    """How the errors of two parameters go together, beside their own sigmas."""
+
+    between: Annotated[Several[Correlated], Field(min_length=2, max_length=2)]
+    value: Annotated[float, Field(gt=-1.0, lt=1.0, description="Of the logarithms where a distribution is lognormal")]
+
+    def complaints(self) -> list[tuple[KeyPath, str]]:
+        """Two of them."""
+        return [(("between",), "names one parameter twice")] if self.between[0] == self.between[1] else []
 
 
 class Residual(Block):
@@ -277,7 +312,9 @@ class Body(Block):
         changed: dict[str, Any] = {
             key: value.truth
             for key, value in found.items()
-            if isinstance(value, Uncertain) and not isinstance(value, Photocentre) and value.true is not None
+            if isinstance(value, Uncertain | Magnitude)
+            and not isinstance(value, Photocentre)
+            and value.true is not None
         }
         if self.nongrav is not None and (own := self.nongrav.declared):
             changed["nongrav"] = self.nongrav.model_copy(update=own)
@@ -417,6 +454,53 @@ class Target(Body):
 
     orbit: Orbit
     process_noise: ProcessNoise | None = None
+    correlations: Annotated[Several[Correlation], Field(max_length=36)] = ()
+
+    def complaints(self) -> list[tuple[KeyPath, str]]:
+        """Correlated are parameters that have an error, each pair once, and together they are a covariance."""
+        found = super().complaints()
+        return found or self._correlation_complaints()
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Every dynamic parameter that acts, fixed ones included, and an uncertain absolute magnitude."""
+        magnitude = self.magnitude
+        if magnitude is None or magnitude.sigma is None:
+            return super().parameters
+        H = Parameter(
+            name=MAGNITUDE, group="H", key="magnitude", value=magnitude.H, sigma=magnitude.sigma,
+            treatment=magnitude.treatment,
+        )  # fmt: skip
+        return (*super().parameters, H)
+
+    @property
+    def correlated(self) -> dict[tuple[str, str], float]:
+        """Correlations by pairs of groups, either way."""
+        pairs = [(one.between, one.value) for one in self.correlations]
+        return {pair: value for (a, b), value in pairs for pair in ((a, b), (b, a))}
+
+    def _correlation_complaints(self) -> list[tuple[KeyPath, str]]:
+        found: list[tuple[KeyPath, str]] = []
+        live = {p.group: p for p in self.parameters if p.sigma is not None and p.treatment != "fixed"}
+        for i, one in enumerate(self.correlations):
+            for name in one.between:
+                if name not in live:
+                    found.append((("correlations", i, "between"), f"{name} has no error here: it needs a sigma"))
+            if any(set(one.between) == set(other.between) for other in self.correlations[:i]):
+                found.append((("correlations", i), "says a pair again"))
+            if self.radius_mass_covariance and {"radius", "mass"} & set(one.between):
+                found.append((("correlations", i), "stands against density, which ties mass to radius; give the mass"))
+        if found or not self.correlations:
+            return found
+        names: list[str] = list(dict.fromkeys(name for one in self.correlations for name in one.between))
+        matrix = np.eye(len(names))
+        for (a, b), value in self.correlated.items():
+            matrix[names.index(a), names.index(b)] = value
+        least = float(np.linalg.eigvalsh(matrix)[0])
+        if least <= 1e-12:
+            text = f"cannot all be so: no covariance has them (smallest eigenvalue {least:.3g})"
+            return [(("correlations",), text)]
+        return []
 
 
 def _parameter(name: str, group: str, item: Uncertain | None, factor: float = 1.0, key: str = "") -> Parameter:

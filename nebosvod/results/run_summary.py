@@ -18,6 +18,7 @@ from nebosvod.findings.assessment import Findings
 from nebosvod.findings.blame import LARGE
 from nebosvod.findings.impacts import impacts_of
 from nebosvod.findings.prediction import existing
+from nebosvod.mission.target import MAGNITUDE
 from nebosvod.observation.earth.sites import GroundSite
 from nebosvod.results import prediction_rows, rows
 from nebosvod.results.diagnosis_rows import diagnosis_block
@@ -185,7 +186,7 @@ def physics(scene: Scene) -> dict[str, Any]:
     if mission.object.radiation_parameters:
         radiation = {name: values[name] for name in sphere} | {"solar_irradiance_w_m2": SOLAR_IRRADIANCE_W_M2}
     magnitude = mission.object.magnitude
-    accelerations = {name: value for name, value in values.items() if name not in sphere}
+    accelerations = {name: value for name, value in values.items() if name not in (*sphere, MAGNITUDE)}
     facts = mission.force_model.facts
     shadow, excluded = facts.pop("earth_shadow"), list(facts.pop("excluded"))
     return {

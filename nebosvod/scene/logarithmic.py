@@ -7,14 +7,14 @@ it positive.
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from nebosvod.dynamics import ForceModel
 from nebosvod.errors import InputError
-from nebosvod.mission.target import LOGARITHMS
+from nebosvod.mission.target import LOGARITHMS, MAGNITUDE
 
 Array = npt.NDArray[np.float64]
 LARGEST = 100.0  # of a logarithm: its power, and the products of such powers, stay numbers
@@ -22,11 +22,18 @@ LARGEST = 100.0  # of a logarithm: its power, and the products of such powers, s
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LogarithmicForces(ForceModel):
-    """A force model that also knows the parameters "ln_radius", "ln_mass" and "ln_albedo" (of m, kg and 1)."""
+    """A force model that also knows the parameters "ln_radius", "ln_mass" and "ln_albedo" (of m, kg and 1).
+
+    And the absolute magnitude, whose column of zeta is zero: no force feels it, but what is known of it may be joint
+    with radius and albedo.
+    """
+
+    magnitude: float = 0.0
 
     def __post_init__(self) -> None:
         named = tuple(self.parameters)
-        object.__setattr__(self, "parameters", tuple(LOGARITHMS.get(name, name) for name in named))
+        felt = tuple(LOGARITHMS.get(name, name) for name in named if name != MAGNITUDE)
+        object.__setattr__(self, "parameters", felt)
         ForceModel.__post_init__(self)
         object.__setattr__(self, "parameters", named)
 
@@ -46,17 +53,25 @@ class LogarithmicForces(ForceModel):
         for name, value in values.items():
             if name in LOGARITHMS and not abs(value) <= LARGEST:
                 raise InputError(f"{name}: e to the power of {value:.4g} is no size of a body (allowed -100 to 100)")
-        physical = {LOGARITHMS.get(n, n): math.exp(v) if n in LOGARITHMS else v for n, v in values.items()}
-        return ForceModel.with_values(self, physical)
+        felt = {name: value for name, value in values.items() if name != MAGNITUDE}
+        physical = {LOGARITHMS.get(n, n): math.exp(v) if n in LOGARITHMS else v for n, v in felt.items()}
+        moved = ForceModel.with_values(self, physical)
+        if MAGNITUDE in values and isinstance(moved, LogarithmicForces):
+            return replace(moved, magnitude=float(values[MAGNITUDE]))
+        return moved
 
     def columns(self) -> tuple[npt.NDArray[np.int64], Array]:
         """Columns that the kernel integrates, and the matrix (q, m) from them to the parameters: d/d ln p = p d/dp."""
-        used, chain = ForceModel.columns(self)
+        used, felt = ForceModel.columns(self)
         per_logarithm = [math.exp(self._value(name)) if name in LOGARITHMS else 1.0 for name in self.parameters]
+        chain = np.zeros((len(used), len(self.parameters)))
+        chain[:, [name != MAGNITUDE for name in self.parameters]] = felt
         return used, chain * np.array(per_logarithm)
 
     def _value(self, name: str) -> float:
         """One value, the logarithm where the name says so."""
+        if name == MAGNITUDE:
+            return self.magnitude
         physical = LOGARITHMS.get(name, name)
         owner = self.radiation if hasattr(self.radiation, physical) else self.nongrav
         value = float(getattr(owner, physical))

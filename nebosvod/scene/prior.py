@@ -22,7 +22,7 @@ from nebosvod.mission.question import CovariancePrior
 from nebosvod.mission.reading.places import asking
 from nebosvod.mission.request import Prior as PriorBlock
 from nebosvod.mission.state import orbit_state, to_icrf
-from nebosvod.mission.target import Parameter
+from nebosvod.mission.target import Parameter, Target
 
 Array = npt.NDArray[np.float64]
 STATE_NAMES = ("x_km", "y_km", "z_km", "vx_km_s", "vy_km_s", "vz_km_s")
@@ -240,9 +240,33 @@ def _parameter_entries(mission: Question, parameters: list[Parameter]) -> tuple[
         names = tuple(p.name for p in pair)
         entries.append(("radius and density", names, np.array([p.value for p in pair]), covariance))
         parameters = [p for p in parameters if p not in pair]
+    for group in _tied(parameters, _correlations(mission)):
+        if len(group) > 1:
+            sigma = np.array([p.sigma or 0.0 for p in group])
+            said = _correlations(mission)
+            matrix = np.array([[float(a is b) or said.get((a.group, b.group), 0.0) for b in group] for a in group])
+            title = " and ".join(p.group for p in group)
+            names = tuple(p.name for p in group)
+            entries.append((title, names, np.array([p.value for p in group]), matrix * sigma[:, None] * sigma))
+            parameters = [p for p in parameters if p not in group]
     for p in parameters:
         entries.append((p.group, (p.name,), np.array([p.value]), np.array([[(p.sigma or 0.0) ** 2]])))
     return tuple(entries)
+
+
+def _correlations(mission: Question) -> dict[tuple[str, str], float]:
+    """Correlations that a mission declares, by pairs of groups."""
+    return mission.object.correlated if isinstance(mission.object, Target) else {}
+
+
+def _tied(parameters: list[Parameter], correlated: Mapping[tuple[str, str], float]) -> list[list[Parameter]]:
+    """Parameters in groups that correlations tie together, each in the order of the list."""
+    groups: list[list[Parameter]] = []
+    for p in parameters:
+        mine = [group for group in groups if any((p.group, other.group) in correlated for other in group)]
+        groups = [group for group in groups if group not in mine]
+        groups.append([*(other for group in mine for other in group), p])
+    return groups
 
 
 def _carried(

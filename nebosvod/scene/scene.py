@@ -5,6 +5,7 @@ mission (what a file says) -> scene (objects of the stages, evaluated on the nom
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
@@ -19,7 +20,7 @@ from nebosvod.mission.reading.places import asking, place
 from nebosvod.mission.request import Prediction
 from nebosvod.mission.spacecraft import OemFile, Spk, Tabulated
 from nebosvod.mission.state import orbit_state
-from nebosvod.mission.target import LOGARITHMS, Orbit
+from nebosvod.mission.target import LOGARITHMS, MAGNITUDE, Orbit
 from nebosvod.observation import Nuisance, Telescope, Visibility, ZoneBias, visibility
 from nebosvod.observation.measurement.exposures import Exposures, row_order
 from nebosvod.scene.declared import Declared, as_assumed
@@ -274,7 +275,8 @@ def force_model(mission: Question, ephemeris: Ephemeris) -> ForceModel:
         names = ("radius_m", "mass_kg", "albedo", "thermal_emission")
         radiation = RadiationPressure(**{name: value[name] for name in names})
     free = tuple(parameter.name for parameter in mission.free_parameters)
-    model = LogarithmicForces if set(free) & set(LOGARITHMS) else ForceModel
+    special = set(free) & {*LOGARITHMS, MAGNITUDE}
+    model = partial(LogarithmicForces, magnitude=value.get(MAGNITUDE, 0.0)) if special else ForceModel
     return model(
         ephemeris=ephemeris,
         **mission.force_model.settings,

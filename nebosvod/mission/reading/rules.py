@@ -39,6 +39,7 @@ HOW_TO_ADD = {
     "radius": ("radius: {value: 10 m, sigma: 2 m, treatment: considered}", "object, with mass and albedo"),
     "mass": ("mass: {value: 8e6 kg, sigma: 2e6 kg, treatment: considered}", "object, with radius and albedo"),
     "albedo": ("albedo: {value: 0.15, sigma: 0.05, treatment: considered}", "object, with radius and mass"),
+    "H": ("magnitude: {H: 20, sigma: 0.2, treatment: considered}", "object"),
     "A1": ("A1: {value: 0 au/d^2, sigma: 1e-13 au/d^2, treatment: considered}", "object.nongrav"),
     "A2": ("A2: {value: 0 au/d^2, sigma: 1e-13 au/d^2, treatment: considered}", "object.nongrav"),
     "A3": ("A3: {value: 0 au/d^2, sigma: 1e-13 au/d^2, treatment: considered}", "object.nongrav"),
@@ -76,6 +77,8 @@ def _undeclared(mission: FitMission) -> Iterator[Complaint]:
     for key in type(mission.object).model_fields:
         if getattr(getattr(mission.object, key), "true", None) is not None:
             yield ("object", key, "true"), text
+    if mission.object.magnitude is not None and mission.object.magnitude.sigma is not None:
+        yield ("object", "magnitude", "sigma"), "belongs to a mission that is simulated; a fit has no use for it"
     for key in () if mission.object.nongrav is None else mission.object.nongrav.declared:
         yield ("object", "nongrav", key, "true"), text
     if isinstance(mission.prior, Prior) and mission.prior.true is not None:
@@ -333,6 +336,9 @@ def _estimator(mission: Mission, index: int, estimator: Estimator) -> Iterator[C
                     f"the prior orbit, carried from {prior.epoch} to the reference epoch, is correlated with {p.group},"
                 )
                 yield (*here, p.group), f"{text} which therefore cannot be fixed for one estimator; consider it"
+    for a, b in sorted({tuple(sorted(pair)) for pair in mission.object.correlated}):
+        if (mission.treatment(estimator, a) == "fixed") != (mission.treatment(estimator, b) == "fixed"):
+            yield here, f"{a} and {b} are correlated, so one cannot be fixed alone; consider it"
     if mission.object.radius_mass_covariance:
         pair = {mission.treatment(estimator, group) for group in ("radius", "mass")}
         if len(pair) > 1:

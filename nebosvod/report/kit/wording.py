@@ -51,6 +51,7 @@ PARAMETERS = {
     "a1_au_d2": ("A1", "au/d²"),
     "a2_au_d2": ("A2", "au/d²"),
     "a3_au_d2": ("A3", "au/d²"),
+    "H_mag": ("absolute magnitude H", ""),
 }
 # a logarithm that is estimated in place of a quantity with a lognormal error -> that quantity
 LOGARITHMS = {"ln_radius": "radius_m", "ln_mass": "mass_kg", "ln_albedo": "albedo"}
