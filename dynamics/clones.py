@@ -1,6 +1,7 @@
 """propagate_many(...): many near orbits at once, on the steps and the ephemeris of one.
 
-The middle of the cloud, the mean of its states, is integrated with its own step control; every clone takes the same
+Forward in time a cloud flies in flocks (flock.py). Over times on both sides of the epoch, or before it:
+the middle of the cloud, the mean of its states, is integrated with its own step control; every clone takes the same
 steps, reads the bodies at their nodes from a table, starts its iteration from the accelerations of the middle, and
 checks its own last Legendre coefficient in every step. The middle flies through a body it hits, as through a point. A
 clone that fails the check, or comes near a surface, is propagated alone, from shortly before the first deep encounter
