@@ -12,7 +12,7 @@ from nebosvod.errors import InputError
 from nebosvod.orbits.uncertain import UncertainOrbit
 from nebosvod.planning.coming import Watch
 from nebosvod.planning.decide import Wanted
-from nebosvod.planning.decision import advice
+from nebosvod.planning.decision import advice, said_chance
 from nebosvod.timescale import SECONDS_PER_DAY, Epoch
 from nebosvod.units import ANGLE, DURATION, Dimension, quantity
 
@@ -121,11 +121,15 @@ def print_decision(found: Mapping[str, Any], console: Console | None = None) -> 
     bodies = " or ".join(body.capitalize() for body in found["bodies"])
     out.print(escape(f"P = {found['probability']:.3g} to hit {bodies} until {found['until_utc'][:10]}"))
     headings = ("1 %", "10 %", "50 %", "90 %", "99 %", f"P < {found['below']:.2g}", f"P > {found['above']:.2g}")
-    rows = table("Probability after one visit: quantiles, and chances", ("telescope", "UTC"), headings)
+    rows = table(
+        "Probability after one visit: quantiles, and chances",
+        ("telescope", f"UTC, {found['visits'][0]['epoch_utc'][:4]}"),
+        headings,
+    )
     for row in found["visits"]:
-        quantiles = [f"{row['quantiles'][level]:.2g}" for level in ("0.01", "0.1", "0.5", "0.9", "0.99")]
+        quantiles = [said_chance(row["quantiles"][level]) for level in ("0.01", "0.1", "0.5", "0.9", "0.99")]
         chances = [f"{100.0 * row[name]:.3g} %" for name in ("chance_below", "chance_above")]
-        when = row["epoch_utc"][:16].replace("T", " ")
+        when = row["epoch_utc"][5:16].replace("T", " ")
         rows.add_row(escape(row["telescope"]), when, *quantiles, *chances)
     out.print(rows)
     out.print(escape(advice(found)))

@@ -15,8 +15,9 @@ from nebosvod.dynamics.impact import follow
 from nebosvod.errors import GeometryError, ImpactError, InputError
 from nebosvod.estimation.accuracy.preposterior import Foreseen, foresee
 from nebosvod.estimation.accuracy.target_map import TargetMap
-from nebosvod.impacts.cloud import Cloud
+from nebosvod.impacts.cloud import Cloud, Passage
 from nebosvod.impacts.flight import TOLERANCE, WIDER_KM, Course
+from nebosvod.impacts.risk import passage_of
 from nebosvod.orbits.uncertain import UncertainOrbit
 from nebosvod.planning.coming import Visit, Watch, predictions, seen, visit
 from nebosvod.timescale import SECONDS_PER_DAY, Epoch
@@ -26,6 +27,8 @@ Mask = npt.NDArray[np.bool_]
 Say = Callable[[str], None]
 FEWEST_HITS = 10  # of a cloud, for a distribution of future probabilities
 FLOWN = 3000
+POOL = 300_000  # states among which those nearest to the target are looked for
+FLOWN_TRUTHS = 100  # where every orbit drawn anew must be flown
 MISJUDGED = 0.03  # of the hits: a map of the cloud that errs more is not used
 MOST_CANDIDATES = 200
 MOST_TIMES = 2000
@@ -132,7 +135,7 @@ def decide(
     first = u[: wanted.flown]
     cloud = course.fly(first @ orbit.factor.T)
     flown_hits = np.asarray(np.isin(cloud.body, course.bodies))
-    maps = _maps(first, cloud, flown_hits)
+    maps = _maps(first, cloud, flown_hits, course, rng)
     flown = maps is None
     hit = _by_flight(course) if maps is None else _by_maps(maps)
     hits = np.concatenate([flown_hits, hit(u[wanted.flown :])])
@@ -148,7 +151,8 @@ def decide(
     outcomes = []
     for one, z in zip(visits, predicted, strict=True):
         say(f"foreseeing {one.telescope}, {(orbit.epoch + float(one.t_s[0])).iso('utc', 0)}")
-        foreseen = foresee(u, z, hits, rng, wanted.truths, hit=hit, draws=400 if flown else 1000)
+        truths = min(wanted.truths, FLOWN_TRUTHS) if flown else wanted.truths
+        foreseen = foresee(u, z, hits, rng, truths, hit=hit, draws=400 if flown else 1000)
         outcomes.append(Outcome(visit=one, foreseen=foreseen, hits=hits[foreseen.truth]))
     return Decision(
         probability=now,
@@ -159,7 +163,7 @@ def decide(
         unseen=unseen,
         flown=flown,
         misjudged=0.0 if maps is None else float(max(one.error for one in maps)),
-        warnings=tuple(_warnings(visits, outcomes)),
+        warnings=tuple(_warnings(visits, outcomes, flown)),
     )
 
 
@@ -193,18 +197,37 @@ def _visits(
     return sorted(found, key=lambda one: (float(one.t_s[0]), one.telescope)), tuple(unseen)
 
 
-def _maps(u: Array, cloud: Cloud, hits: Mask) -> list[TargetMap] | None:
+def _maps(u: Array, cloud: Cloud, hits: Mask, course: Course, rng: np.random.Generator) -> list[TargetMap] | None:
     """The cloud's own maps to the target planes where orbits hit; None where they do not tell hits well enough."""
     found = []
     for passage in cloud.passages:
         if passage.hits.any():
             one = TargetMap.of(u, passage.xi_zeta_km, passage.hits, passage.capture_radius_km)
+            if one is not None and one.error > MISJUDGED:
+                one = _nearer(one, u, passage, course, rng)
             if one is None or one.error > MISJUDGED:
                 return None
             found.append(one)
     if not found or np.count_nonzero(_by_maps(found)(u) != hits) > MISJUDGED * np.count_nonzero(hits):
         return None
     return found
+
+
+def _nearer(
+    rough: TargetMap, u: Array, passage: Passage, course: Course, rng: np.random.Generator
+) -> TargetMap | None:  # fmt: skip
+    """The map with more orbits near the target: those of many that a first map leads nearest to it, flown too."""
+    pool = rng.standard_normal((POOL, u.shape[1]))
+    distance = np.linalg.norm(rough.rough(pool), axis=1)
+    near = distance <= rough.reach
+    distance[near] = np.linalg.norm(rough.fine(pool[near]), axis=1)
+    chosen = pool[np.argsort(distance)[: len(u)]]
+    there = passage_of(course.fly(chosen @ course.orbit.factor.T), passage.body, passage.epoch)
+    if there is None:
+        return None
+    order = rng.permutation(2 * len(u))  # halves are compared
+    points, hits = np.concatenate([passage.xi_zeta_km, there.xi_zeta_km]), np.concatenate([passage.hits, there.hits])
+    return TargetMap.of(np.concatenate([u, chosen])[order], points[order], hits[order], passage.capture_radius_km)
 
 
 def _by_maps(maps: Sequence[TargetMap]) -> Callable[[Array], Mask]:
@@ -225,12 +248,16 @@ def _by_flight(course: Course) -> Callable[[Array], Mask]:
     return hit
 
 
-def _warnings(visits: Sequence[Visit], outcomes: Sequence[Outcome]) -> list[str]:
+def _warnings(visits: Sequence[Visit], outcomes: Sequence[Outcome], flown: bool) -> list[str]:
     """What limits the answer."""
     said = [
         f"{name}: is taken as drawn anew for a visit, though it is correlated in time with past measurements"
         for name in dict.fromkeys(name for one in visits for name in one.chained)
     ]
+    if flown:
+        said.append(
+            f"orbits are bent too much for a map to the target plane: they were flown, {FLOWN_TRUTHS} truths each"
+        )
     poor = sum(int(np.count_nonzero(one.foreseen.effective < 50.0)) for one in outcomes)
     if poor:
         said.append(f"{poor} future probabilities rest on fewer than 50 orbits; give more --draws")

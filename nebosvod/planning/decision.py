@@ -54,18 +54,23 @@ def _row(orbit: UncertainOrbit, one: Outcome, found: Decision) -> dict[str, Any]
     }
 
 
+def said_chance(value: float) -> str:
+    """A future probability in words; of no orbit that hits, which is not 0, that it is next to nothing."""
+    return f"{value:.2g}" if value > 0.0 else "~0"
+
+
 def advice(found: Mapping[str, Any]) -> str:
     """What to expect, in one sentence."""
     row = found["visits"][found["best"]]
-    low, high = row["quantiles"]["0.1"], row["quantiles"]["0.9"]
+    low, high = said_chance(row["quantiles"]["0.1"]), said_chance(row["quantiles"]["0.9"])
     when = f"{row['telescope']} on {row['epoch_utc'][:16].replace('T', ' ')} UTC"
     if row["chance_below"] + row["chance_above"] < LEAST:
         return (
-            f"no visit is likely to decide: after {when} the probability will be {low:.2g} to {high:.2g} (80 %), "
+            f"no visit is likely to decide: after {when} the probability will be {low} to {high} (80 %), "
             f"now {found['probability']:.3g}"
         )
     return (
         f"after {when} the probability falls below {found['below']:.2g} with {100 * row['chance_below']:.0f} % and "
-        f"rises above {found['above']:.2g} with {100 * row['chance_above']:.0f} %; it will be {low:.2g} to {high:.2g} "
+        f"rises above {found['above']:.2g} with {100 * row['chance_above']:.0f} %; it will be {low} to {high} "
         f"(80 %), now {found['probability']:.3g}"
     )

@@ -6,8 +6,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from nebosvod.planning.decision import advice
-from nebosvod.report.kit import wording
+from nebosvod.planning.decision import advice, said_chance
 from nebosvod.report.kit.base import render
 from nebosvod.report.kit.chart import Chart
 from nebosvod.report.kit.download import csv
@@ -119,7 +118,7 @@ def _when(row: Item) -> str:
 def _table(found: Item) -> Table:
     rows: list[tuple[Cell, ...]] = []
     for row in found["visits"]:
-        quantiles = [wording.number(row["quantiles"][level], 3) for level in SHOWN]
+        quantiles = [said_chance(row["quantiles"][level]) for level in SHOWN]
         chances = [f"{100.0 * row[name]:.3g} %" for name in ("chance_below", "chance_above")]
         rows.append((row["telescope"], _when(row), *quantiles, *chances))
     return Table(
