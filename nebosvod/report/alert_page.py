@@ -87,7 +87,7 @@ def _tiles(summary: Item) -> list[tuple[str, Cell]]:
         when = Markup("{} ± {} s").format(moment(fall["epoch_utc"]), number(fall["half_68_s"], 2))
         tiles.append(("if it hits, 68 %", when))
     best = quantities["range_au"]
-    tiles.append(("range, 68 %", f"{number(best['q16'])} to {number(best['q84'])} au"))
+    tiles.append(("range, 68 %", f"{number(best['q16'], 5)} to {number(best['q84'], 5)} au"))
     if size := quantities.get("diameter_m"):
         tiles.append(("diameter, 68 %", f"{number(size['q16'], 2)} to {number(size['q84'], 2)} m"))
     return tiles
@@ -157,21 +157,24 @@ def _scores(scores: Item) -> Table:
 
 
 def _field(row: Item, psi: Array, k: int) -> Plate:
-    """The sky of one telescope at one time."""
-    centre = row["ra_deg"]
-    points = np.degrees(psi)
-    ra = centre + (points[:, 0] - centre + 180.0) % 360.0 - 180.0
+    """The sky of one telescope at one time, about the mean place."""
+    centre = np.array([row["ra_deg"], row["dec_deg"]])
+    points = _offsets(np.degrees(psi), centre)
     edges = {
-        share: [np.stack([centre + (np.array(edge)[:, 0] - centre + 180.0) % 360.0 - 180.0, np.array(edge)[:, 1]], 1)
-                for edge in lines]
-        for share, lines in row["contours_deg"].items()
-    }  # fmt: skip
-    every = [np.stack([ra, points[:, 1]], axis=1), *(edge for lines in edges.values() for edge in lines)]
-    both = np.concatenate(every)
+        share: [_offsets(np.array(edge), centre) for edge in lines] for share, lines in row["contours_deg"].items()
+    }
+    both = np.concatenate([points, *(edge for lines in edges.values() for edge in lines)])
+    wide = float(np.ptp(both, axis=0).max())
+    factor, unit = (3600.0, "arcsec") if wide < 0.1 else (60.0, "arcmin") if wide < 3.0 else (1.0, "deg")
+    ra, dec = factor * points.T
+    edges = {share: [factor * edge for edge in lines] for share, lines in edges.items()}
     chart = Chart(f"field-{k}", height=290.0)
-    panel = chart.panel(linear(both[:, 0], "RA, deg").reversed(), linear(both[:, 1], "Dec, deg"), top=8.0, bottom=215.0)
+    panel = chart.panel(
+        linear(factor * both[:, 0], f"RA cos Dec from the mean, {unit}").reversed(),
+        linear(factor * both[:, 1], f"Dec from the mean, {unit}"), top=8.0, bottom=215.0,
+    )  # fmt: skip
     panel.open()
-    panel.dots(ra, points[:, 1], "o", "drawn orbit", color=GREY, size=1.4)
+    panel.dots(ra, dec, "o", "drawn orbit", color=GREY, size=1.4)
     for share, color in (("95", SKY), ("68", BLUE)):
         for edge in edges.get(share, []):
             panel.line(edge[:, 0], edge[:, 1], f"{share} %", stroke=color, stroke_width=1.6)
@@ -185,8 +188,16 @@ def _field(row: Item, psi: Array, k: int) -> Plate:
         moment(row["epoch_utc"]), row["telescope"], "" if row["V"] is None else f", V about {row['V']:.1f}"
     )
     return chart.plate(
-        f"The sky at {row['epoch_utc'][:16]}", caption, [csv(f"field-{k}", {"ra_deg": ra, "dec_deg": points[:, 1]})]
+        f"The sky at {row['epoch_utc'][:16]}",
+        caption,
+        [csv(f"field-{k}", {"ra_deg": np.degrees(psi[:, 0]), "dec_deg": np.degrees(psi[:, 1])})],
     )
+
+
+def _offsets(places: Array, centre: Array) -> Array:
+    """From a place (2,) to others (n, 2), RA cos Dec and Dec, deg."""
+    ra = (places[:, 0] - centre[0] + 180.0) % 360.0 - 180.0
+    return np.stack([ra * np.cos(np.radians(centre[1])), places[:, 1] - centre[1]], axis=1)
 
 
 def _fields(rows: Sequence[Item]) -> Table | None:

@@ -159,3 +159,14 @@ def test_a_station_without_a_place_and_no_file_are_wrong_input(
     assert "C51" in capsys.readouterr().err
     assert main(["alert"]) == 2
     assert main(["alert", str(tmp_path / "none.obs80")]) == 2
+
+
+def test_a_night_is_answered_object_by_object_and_one_without_an_answer_stops_nobody(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    alone = "     K14A00A* C2014 01 01.26257 05 32 35.55 +13 59 45.0          19.1 Vq~0yn5G96\n"
+    (tmp_path / "night.obs80").write_text(alone + LA)
+    assert main(["alert", str(tmp_path / "night.obs80"), "--split", "--hours", "1"]) == 1
+    said = capsys.readouterr()
+    assert "2018 LA: P 0.1" in said.out
+    assert "2014 AA: one observation" in said.err
