@@ -258,10 +258,17 @@ def _reason(found: EstimatorVerdict, runs: int) -> str:
 
 
 def sources_left_out(one: Estimating) -> list[str]:
-    """Names of the sources of error the estimator considers or ignores."""
+    """Names of the sources of error the estimator considers or ignores, or that are not what it assumes."""
     problem = one.base
     groups: tuple[Block | White | Markov, ...] = (*problem.blocks, *problem.white, *problem.markov)
-    return [group.name for group in groups if group.treatment in ("considered", "ignored")]
+    found = [group.name for group in groups if group.treatment in ("considered", "ignored")]
+    found += [white.name for white in problem.white if white.true_Q is not None]
+    found += [markov.name for markov in problem.markov if markov.differs]
+    found += [prior.name for prior in problem.priors if prior.true_covariance is not None]
+    found += problem.noise_names if problem.true_R is not None else ()
+    found += one.mean_errors.fresh
+    found += [prior.name for prior in problem.priors if set(prior.names) & set(one.mean_errors.common)]
+    return list(dict.fromkeys(found))
 
 
 def _judged(setting: Setting, one: Estimating, own: dict[str, npt.NDArray[Any]], level: float) -> dict[str, Judgement]:

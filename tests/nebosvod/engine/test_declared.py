@@ -15,11 +15,12 @@ from nebosvod.engine.fitting import Fit, fit
 from nebosvod.engine.montecarlo import repeat
 from nebosvod.errors import InputError
 from nebosvod.estimation import LinearProblem
-from nebosvod.mission import Mission, load_mission_text
+from nebosvod.mission import Mission, load_mission, load_mission_text
 from nebosvod.pipeline import run
 from nebosvod.scene.point import View
 from nebosvod.scene.prior import STATE_NAMES, PriorTable
 from nebosvod.scene.scene import Scene
+from nebosvod.studies.validation import validate
 
 Array = npt.NDArray[np.float64]
 Setting = tuple[Scene, PriorTable, View]
@@ -235,3 +236,15 @@ fit:
     (tmp_path / "fit.yaml").write_text(settings)
     assert main(["check", str(tmp_path / "fit.yaml")]) == 2
     assert "not declared" in capsys.readouterr().err
+
+
+def test_a_campaign_does_not_claim_what_the_estimator_believes(minimal: Mission, tmp_path: Path) -> None:
+    """All is estimated, and a position error is larger than assumed: K_true is honest, K_formal is not claimed."""
+    old, new = KINDS["white position"]
+    path = tmp_path / "m.yaml"
+    path.write_text(minimal.text.replace(old, new), "utf-8")
+    found = validate(load_mission(path), tmp_path / "v", runs=60)
+    (one,) = found["estimators"]
+    assert one["passed"], found["verdict"]
+    assert one["judged"]["true"]["consistent"]
+    assert not one["judged"]["formal"]["consistent"]
