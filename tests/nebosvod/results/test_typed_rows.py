@@ -18,7 +18,7 @@ import pytest
 
 import nebosvod.results
 import nebosvod.studies
-from nebosvod.engine.facts import BodyFacts, EncounterFacts, EntryFacts, ImpactFacts, SkyFacts, StateFacts
+from nebosvod.engine.facts import BodyFacts, EncounterFacts, EntryFacts, ImpactFacts, SkyFacts, StateFacts, ValueFacts
 from nebosvod.engine.montecarlo import Consistency
 from nebosvod.engine.quantity import Quantity
 from nebosvod.findings import blame
@@ -37,7 +37,7 @@ from nebosvod.fits.answer import Ended, Rejected, StationResiduals
 from nebosvod.fits.missing_force import MissingForce
 from nebosvod.fits.orbit import Comparison
 from nebosvod.fits.shared_errors import SharedError
-from nebosvod.mission.request import EncounterPrediction, SkyPrediction, StatePrediction
+from nebosvod.mission.request import EncounterPrediction, SkyPrediction, StatePrediction, ValuePrediction
 from nebosvod.results import fit_summary, prediction_rows, rows
 from nebosvod.studies import outcomes, verdict_rows
 from nebosvod.timescale import Epoch
@@ -50,6 +50,7 @@ CAMPAIGN = json.loads((Path(nebosvod.studies.__file__).with_name("validation.sch
 REQUESTS = {
     SkyFacts: SkyPrediction(**{"name": "s", "plane": "sky", "from": "A", "at": "2029-01-01 TDB"}),
     StateFacts: StatePrediction(name="p", plane="position", at="2029-01-01 TDB"),
+    ValueFacts: ValuePrediction(name="v", plane="energy", at="2029-01-01 TDB"),
     EncounterFacts: EncounterPrediction(name="b", plane="b_plane", body="earth", near="2029-01-01 TDB"),
     EntryFacts: EncounterPrediction(name="e", plane="entry", body="earth", near="2029-01-01 TDB", altitude="9 km"),
     ImpactFacts: StatePrediction(name="p", plane="position", at="2029-01-01 TDB"),
@@ -214,14 +215,14 @@ def unanswered_of(kind: type) -> Unanswered:
 FACTS = (SkyFacts, StateFacts, EncounterFacts, EntryFacts)
 
 
-@pytest.mark.parametrize("kind", FACTS)
+@pytest.mark.parametrize("kind", [*FACTS, ValueFacts])
 def test_every_number_of_a_prediction_is_written(kind: type) -> None:
     found, but = answered_of(kind)
     assert not lost(found, prediction_rows.prediction(found), but)
 
 
 def test_the_rows_of_predictions_are_those_of_the_schema() -> None:
-    made = [prediction_rows.prediction(answered_of(kind)[0]) for kind in FACTS]
+    made = [prediction_rows.prediction(answered_of(kind)[0]) for kind in (*FACTS, ValueFacts)]
     assert not undocumented(made, RUN["$defs"]["prediction"], RUN)
     # covariances are null or matrices, the rest is there as filled
     open_ = replace(answered_of(SkyFacts)[0], nonlinearity=Nonlinearity(orbits=2, reason="none"), drawn=None)
