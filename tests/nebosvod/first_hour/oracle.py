@@ -286,10 +286,11 @@ class _Learnt:
         rng = np.random.default_rng(1)
         # half of the parents by the square root of the weight: the tails are what importance sampling lives on
         soft = np.sqrt(w) / np.sqrt(w).sum()
-        chosen = np.concatenate([rng.choice(len(x), 250, p=w), rng.choice(len(x), 250, p=soft)])
+        far = w**0.2 / np.sum(w**0.2)
+        chosen = np.concatenate([rng.choice(len(x), n, p=p) for n, p in ((200, w), (200, soft), (500, far))])
         self.parents = x[chosen]
         order = np.argsort(x[:, 0])
-        nodes, weight = x[order], soft[order] + 1e-12
+        nodes, weight = x[order], far[order] + 1e-12
         self.h, self.slope, self.s = np.empty((3, len(chosen)))
         for k, parent in enumerate(self.parents):
             gap = np.abs(nodes[:, 0] - parent[0])

@@ -56,7 +56,7 @@ def test_moments_are_those_of_importance_sampling_in_six_dimensions(bodies: Ephe
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
 def test_ten_cases_agree_with_importance_sampling(case: Case, bodies: Ephemeris) -> None:
     one, grid = laid(case, bodies)
-    drawn = oracle.sample(one.problem, 90_000, np.random.default_rng(5))
+    drawn = oracle.sample(one.problem, 120_000, np.random.default_rng(5), first=10_000)
     compare(grid, drawn, mean=0.05, sigma=0.02, least=20_000.0)
 
 
