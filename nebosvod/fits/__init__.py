@@ -2,7 +2,6 @@
 
     files -> Astrometry -> observers, weights (observation) -> start -> correction + rejection -> estimate -> answer
 
-`sky` and `correction` are the lean core (arrays only: one trajectory and one pass over all observations an iteration);
-`estimation` puts the converged orbit into the program's one estimator, with every uncertainty group; the other modules
-say what came out.
+`correction` is the lean core (arrays only: one trajectory and one pass over all observations an iteration); `general`
+puts the converged orbit into the program's one estimator, with every uncertainty group; the others say what came out.
 """
