@@ -65,7 +65,8 @@ WITHOUT = {
     "formed.formed", "formed.definite", "formed.matrices", "formed.matrix_of", "score.among", "score.alone",
     "batch.prior_rows", "batch.solved_triangle", "whitening.chunks", "whitening.add_white", "whitening.projected",
     "whitening.whitened_rows", "whitening.raw_rows", "descent.Step", "descent.Trial", "descent.Descent",
-    "descent.descend", "descent.shortened", "iteration.Linearised", "mean_error.caused", "budget.marginals",
+    "descent.descend", "descent.shortened", "square_root.products", "consistency.chi_square_interval",
+    "iteration.Linearised", "mean_error.caused", "budget.marginals",
 }  # fmt: skip
 
 

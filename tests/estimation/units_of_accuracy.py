@@ -8,17 +8,21 @@ from turned_units import MIXED, STATE, case, numbers, problem  # type: ignore[im
 
 from nebosvod.estimation.accuracy import (
     addition,
+    appearing,
     budget,
     conditional,
     consistency,
+    correlation,
     elasticity,
     ellipse,
     extended,
     guaranteed,
     inside,
     mean_error,
+    periodogram,
     polynomial,
     preposterior,
+    recursive_residuals,
     repeated,
     score,
     target_map,
@@ -344,3 +348,53 @@ def components_and_moduli(units):
         "cost": moduli.cost,
         "exact": moduli.exact.sum(),
     }
+
+
+@case("correlation.roughly_worst")
+def roughly_worst_correlation(units):
+    t = np.cumsum(np.random.default_rng(5).uniform(0.5, 1.5, 20)) * units.time
+    series = correlation.Series.of(np.cos(np.arange(20.0) * 2.0) * units.length, t, np.zeros(20, np.int64))
+    return {"place": np.array(correlation.roughly_worst(series, np.array([3.0, 7.0]) * units.time)) * units.time}
+
+
+@case("periodogram.Rhythm", "periodogram.strongest_rhythm", "periodogram.strongest_rhythms", "periodogram.rhythm_at",
+      "periodogram.power")  # fmt: skip
+def rhythms(units):
+    rng, T, unit = np.random.default_rng(5), units.time, units.x[0]
+    t = np.sort(rng.uniform(0.0, 50.0, 60))
+    y = np.sin(2.0 * np.pi * t / 7.3) + 0.3 * rng.normal(size=60)
+    both = [periodogram.strongest_rhythm(t * T, y * unit), periodogram.rhythm_at(t * T, y * unit, 7.3 * T)]
+    return {
+        "period": [np.array([one.period, one.shortest]) / T for one in both],
+        "amplitude": [one.amplitude / unit for one in both],
+        "power": [one.power for one in both],
+        "chance": [np.log(one.chance) for one in both],
+        "powers": periodogram.power(t * T, (y * unit)[:, None], 0.01 / T, 40),
+    }
+
+
+@case("recursive_residuals.recursive_residuals", "recursive_residuals.nothing_left_out")
+def one_after_another(units):
+    given_problem = problem(units, treatments=MIXED, z="white", state_prior="own")
+    whole = recursive_residuals.nothing_left_out(given_problem)
+    return {"w": recursive_residuals.recursive_residuals(whole), "chi2": batch.solve(whole).chi2}
+
+
+@case("appearing.Ground", "appearing.Scan", "appearing.Scatter")
+def biases_that_appear(units):
+    ground = appearing.Ground.of(problem(units, z="white", state_prior="own", n=40))
+    names = units.of(ground.names)
+    out = {}
+    for kind, clusters in (("stated", None), ("seen", np.arange(30) // 3)):
+        found = ground.scan(np.arange(5, 35), [5, 12, 20], clusters)
+        assert found is not None
+        b, P = found.estimate(found.best)
+        out |= {
+            f"{kind} statistics": found.statistics,
+            f"{kind} bias": b / units.m,
+            f"{kind} P": P / np.outer(units.m, units.m),
+            f"{kind} shift": found.shift(1) / names,
+            f"{kind} sigma": found.sigma / names,
+            f"{kind} scatter": found.scatter.variance,
+        }
+    return out

@@ -138,7 +138,7 @@ def considered(units):
 
 
 @case("two_stage.TwoStage", "two_stage.System", "two_stage.predict_friedland", "two_stage.predict_hsieh_chen",
-      "two_stage.update", "two_stage.BiasTest", "two_stage.BiasInnovation")  # fmt: skip
+      "two_stage.update", "two_stage.BiasTest", "two_stage.BiasInnovation", "two_stage.restart")  # fmt: skip
 def two_stages(units):
     u, F, Q, H, R, y, belief = system(units)
     rng = np.random.default_rng(2)
@@ -158,8 +158,10 @@ def two_stages(units):
                 stage = predict(stage, two_stage.System(A=F[k - 1], D=D, B=B, Q_x=Q[k - 1], Q_b=noise))
             stage, seen = two_stage.update(stage, y[k], H[k], G, R[k])
             test = test.add(seen)
+        anew = two_stage.restart(stage, P_b)
         out |= {
             f"{name} x": stage.x / u,
+            f"{name} anew": [anew.x / u, anew.P_x / np.outer(u, u), anew.P_b / np.outer(w, w)],
             f"{name} b": stage.b / w,
             f"{name} P": stage.P_x / np.outer(u, u),
             f"{name} P_b": stage.P_b / np.outer(w, w),

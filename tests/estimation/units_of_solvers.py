@@ -10,7 +10,8 @@ from turned_units import MAKE, MIXED, STATE, case, numbers, problem, turned  # t
 from nebosvod.estimation import Block, LinearProblem, Prior, gauss_newton
 from nebosvod.estimation.accuracy import refined as nuisance
 from nebosvod.estimation.problem import square_root
-from nebosvod.estimation.solvers import batch, iteration, recursive, rejection, separated, sequential
+from nebosvod.estimation.problem.reduction import reduced, solved
+from nebosvod.estimation.solvers import batch, iteration, recursive, rejection, separated, sequential, tracked
 
 
 @case("batch.solve", "normal_equations.solve_blocks", "normal_equations.solve_identity", "sources.estimate_of")
@@ -186,3 +187,48 @@ def factors(units):
         "white": square_root.whiten(thin * u[:, None], (thin @ np.ones(3)) * u),
         "units": square_root.row_units(thin * u[:, None]) / u,
     }  # fmt: skip
+
+
+def of_components(names, units):
+    """Units of parameters, and of the components of a time-correlated nuisance by the number at their end, from 0."""
+    known = {name for block in MAKE["problem"]().blocks for name in block.names}
+    return np.array([units.of((name,))[0] if name in known else units.z[int(name.rsplit(" ", 1)[1])] for name in names])
+
+
+@case("tracked.Moving", "tracked.Chain", "tracked.Track", "tracked.follow", "tracked.smoothed")
+def tracked_filter(units):
+    moving = tracked.Moving.of(problem(units, z="markov", state_prior="own"))
+    u = of_components(moving.names, units)
+    ahead = tracked.follow(moving)
+    return {
+        name: [
+            track.mean / u,
+            track.factor @ track.factor.transpose(0, 2, 1) / np.outer(u, u),
+            track.innovation / units.m,
+            track.spread @ track.spread.transpose(0, 2, 1) / np.outer(units.m, units.m),
+        ]
+        for name, track in (("ahead", ahead), ("smoothed", tracked.smoothed(moving, ahead)))
+    }
+
+
+@case("separated.solve_drifting", "separated.stages", "separated.Stages")
+def two_stages_that_drift(units):
+    given_problem = problem(units, z="markov", state_prior="own")
+    found = separated.stages(given_problem)
+    a, r = of_components(found.state, units), of_components(found.bias, units)
+    return numbers(separated.solve_drifting(given_problem), units) | {
+        "x0": [found.x0 / a, found.sigma_x0 / a],
+        "V": found.V / a[:, None] * r,
+        "stages' chi2": found.chi2,
+    }
+
+
+@case("reduction.reduced", "reduction.solved")
+def rows_of_pairs(units):
+    rng, u, m = np.random.default_rng(8), units.x[:4], units.m
+    H, v = rng.normal(size=(30, 2, 4)), rng.normal(size=(30, 2))
+    whitener = np.tile(np.array([[2.0, 0.0], [0.3, 1.5]]), (30, 1, 1))
+    chosen = np.arange(30) % 4 > 0
+    triangle, cost = reduced(H * m[:, None] / u, v * m, whitener / m, chosen, np.zeros((0, 5)))
+    x, length = solved(triangle, 1e-13)
+    return {"triangle": triangle * np.append(u, 1.0), "cost": cost, "x": x / u, "length": length}
