@@ -51,6 +51,8 @@ def moid_km(orbit: Conic, other: Conic) -> tuple[float, float]:
     step = 2.0 * np.pi / GRID
     grid = np.arange(GRID) * step - np.pi
     there = grid[1.0 + orbit.e * np.cos(grid) > orbit.p_km / FARTHEST_KM]
+    if not there.size:  # all of it is farther: nearest at its perihelion, as near as one can say
+        there = np.zeros(1)
     values = _to_orbit(orbit.at(there), other)
     starts = there[(values <= np.roll(values, 1)) & (values <= np.roll(values, -1))]
     for _ in range(ZOOMS):

@@ -85,3 +85,12 @@ def test_a_hyperbola_has_one_too() -> None:
     found, sigma = earth_moid_km(state, np.diag([1.0] * 3 + [1e-6] * 3), bodies, at)
     assert 0.0 < found < 3.0 * AU_KM
     assert sigma > 0.0
+
+
+def test_an_orbit_that_is_nowhere_near_is_nearest_at_its_perihelion(ephemeris: Ephemeris) -> None:
+    """2,000 au away at 1,000 km/s, which three records may come to; the Earth's orbit is 1 au wide."""
+    epoch = Epoch.parse("2024-02-15T00:00:00 TDB")
+    state = np.array([2000.0 * AU_KM, 0.0, 0.0, 0.0, 1000.0, 0.0])
+    least, sigma = earth_moid_km(state, np.zeros((6, 1)), ephemeris, epoch)
+    assert least == pytest.approx(2000.0 * AU_KM, rel=1e-3)
+    assert sigma == 0.0
