@@ -5,7 +5,7 @@ x_k = X_k + Phi_k dx0 + zeta_k dc, and where the motion itself is uncertain its 
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -17,7 +17,7 @@ from nebosvod.estimation.solvers.iteration import recentred
 from nebosvod.estimation.solvers.separated import Stages
 from nebosvod.estimation.solvers.tracked import Moving, Track
 from nebosvod.mission.request import TWO_STAGE
-from nebosvod.observation import Markov
+from nebosvod.observation import Markov, WhiteAcceleration
 from nebosvod.scene.point import Point, View
 from nebosvod.scene.prior import STATE_NAMES
 
@@ -104,6 +104,20 @@ def state_columns(moving: Moving, partials: Array, parameters: Names) -> Array:
         if name in place:
             W[:, :, column] = partials[:, :, place[name]]
     return W
+
+
+def pulled_along(path: Path, noise: WhiteAcceleration | None, point: Point, t_s: Array) -> Path:
+    """The path with what the process noise of the object does to the state at the measurements (n,).
+
+    Accelerations on the reference orbit add Phi_k B_k a to the state, a counted from zero and not from the point.
+    """
+    if noise is None or not set(noise.names) <= set(path.moving.names):
+        return path
+    columns, state = ([path.moving.names.index(name) for name in names] for names in (noise.names, STATE_NAMES))
+    W, about = path.W.copy(), path.about.copy()
+    W[:, :, columns] = W[:, :, state] @ noise.pulled(t_s)
+    about[:, columns] = [-point.values.get(name, 0.0) for name in noise.names]
+    return replace(path, W=W, about=about)
 
 
 def filtered(path: Path, point: Point, seen: View) -> Filtered:

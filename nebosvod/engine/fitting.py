@@ -11,7 +11,7 @@ import numpy.typing as npt
 from nebosvod.dynamics import Trajectory
 from nebosvod.engine.assembly import linear_problem, view
 from nebosvod.engine.extended import held_against, lost, pass_through
-from nebosvod.engine.filtering import MOST, Filtered, Path, filtered, linear_path
+from nebosvod.engine.filtering import MOST, Filtered, Path, filtered, linear_path, pulled_along
 from nebosvod.engine.mean_errors import MeanErrors, mean_errors
 from nebosvod.errors import CoverageError, EventError, InputError
 from nebosvod.estimation import Estimate, History, IterationResult, LinearProblem, Status, gauss_newton
@@ -21,6 +21,7 @@ from nebosvod.mission.request import EXTENDED, OWN_GAIN, WITH_HISTORY
 from nebosvod.observation import Observation
 from nebosvod.scene.point import Point, View
 from nebosvod.scene.prior import PriorTable
+from nebosvod.scene.pulls import acceleration_of
 from nebosvod.scene.scene import Scene
 
 Array = npt.NDArray[np.float64]
@@ -234,19 +235,20 @@ def fit(
             ended.problem,
             None if found.estimate.solution is None else SOLVERS[estimator.method],
         ),
-        filtered=_filtered(ended, estimator, start) if history and estimator.method in WITH_HISTORY else None,
+        filtered=_filtered(scene, ended, estimator, start) if history and estimator.method in WITH_HISTORY else None,
     )
 
 
-def _filtered(ended: Convergence, estimator: Estimator, start: View) -> Filtered | None:
+def _filtered(scene: Scene, ended: Convergence, estimator: Estimator, start: View) -> Filtered | None:
     """What the filter believed on its way; None where there is no estimate, or the arc is too long to keep it."""
     found = ended.found
     if found.estimate.solution is None or ended.problem.n > MOST:
         return None
+    noise, t_s = acceleration_of(scene.nuisances), ended.seen.observation.t_s
     if ended.path is not None:
-        return filtered(ended.path, start.point, ended.seen)
+        return filtered(pulled_along(ended.path, noise, start.point, t_s), start.point, ended.seen)
     path = linear_path(ended.problem, found.deviation, ended.seen, estimator.method)
-    return filtered(path, ended.seen.point, ended.seen)
+    return filtered(pulled_along(path, noise, ended.seen.point, t_s), ended.seen.point, ended.seen)
 
 
 def taken(point: Point, estimate: Estimate) -> Point:

@@ -384,7 +384,7 @@ def one_after_another(units):
 def biases_that_appear(units):
     ground = appearing.Ground.of(problem(units, z="white", state_prior="own", n=40))
     names = units.of(ground.names)
-    out = {}
+    out: dict[str, Any] = {}
     for kind, clusters in (("stated", None), ("seen", np.arange(30) // 3)):
         found = ground.scan(np.arange(5, 35), [5, 12, 20], clusters)
         assert found is not None

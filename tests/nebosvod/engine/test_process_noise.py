@@ -146,3 +146,25 @@ def test_a_run_blames_it_and_shows_no_parameter_of_each_interval(minimal: Missio
     assert not any("process" in name for name in summary["estimators"][0]["parameters"])
     drawn = summary["predictions"][0]["monte_carlo"]
     assert not drawn["misleads"]
+
+
+@pytest.mark.parametrize("method", ["smoother", "hsieh_chen", "ekf", "iterated_ekf"])
+def test_a_filter_knows_the_state_after_its_last_measurement_as_a_prediction_for_then_does(
+    method: str, minimal: Mission, make_setting: Callable[[Mission], Setting]
+) -> None:
+    """With what the accelerations have done to it: the prediction is held against dense algebra above."""
+    text = made(minimal, "estimated").text.replace("at: 2028-04-29T00", "at: 2028-04-19T00")
+    text += "prior: {sigma: {position: 300 km, velocity: 0.1 m/s}}\n"
+    text += f"estimators: [{{name: batch, method: batch_qr}}, {{name: path, method: {method}}}]\n"
+    scene, priors, nominal = make_setting(load_mission_text(text))
+    psi = computed_psi(nominal)
+    batch, path = (fit(scene, one, nominal, psi, priors).estimate for one in scene.mission.estimators)
+    found = fit(scene, scene.mission.estimators[1], nominal, psi, priors).filtered
+    assert found is not None
+    asked = quantity(scene, scene.trajectory, scene.mission.predictions[0])
+    sigma = batch.predict(*known_partials(asked, batch)).sigma
+    for last in (found.now.factor[-1], found.smoothed.factor[-1]):
+        assert np.linalg.norm(last, axis=1)[:3] == pytest.approx(sigma, rel=2e-3)
+    without = batch.predict(asked.partials[:, :6], STATE_NAMES).sigma
+    assert np.max(np.abs(without / sigma - 1.0)) > 0.01  # or the test could not tell
+    assert path.solution is not None
