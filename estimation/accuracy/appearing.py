@@ -266,7 +266,8 @@ class Ground:
         b = found.estimate(i)[0]
         Z = wide[:, :, kept[i] * k : (kept[i] + 1) * k]
         x = self.half @ (self.told - A[:, at[i * k : (i + 1) * k]] @ b)
-        scatter = _scatter(v - B @ x - Z @ b, clusters, k)
+        left = v - B @ x - Z @ b
+        scatter = _scatter(left if len(left) == len(place) else left[place], clusters, k)  # chains reach every row
         return None if scatter is None else replace(found, scatter=scatter)
 
     def _whitened(self, rows: Rows, onsets: Rows, G: Array) -> tuple[Array, Array, Array]:

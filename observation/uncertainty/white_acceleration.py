@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from nebosvod.borders.quantities import bordered, bordered_fields
 from nebosvod.borders.treatment import Treatment
 from nebosvod.errors import InputError
 from nebosvod.observation.contracts import Array, Ephemeris
@@ -14,6 +15,7 @@ from nebosvod.observation.uncertainty.term import Common, check_treatment
 AXES = ("x", "y", "z")
 
 
+@bordered_fields()
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Reach:
     """What accelerations do to the state at the epoch: C(t), the integral of Phi(epoch, s) [0; I] from the epoch to t.
@@ -28,6 +30,7 @@ class Reach:
     integral: Array
     slope: Array
 
+    @bordered()
     def at(self, t_s: Array) -> Array:
         """C (n, 6, 3) at times (n,), by cubic Hermite interpolation; constant beyond the ends."""
         t = np.clip(t_s, self.nodes_s[0], self.nodes_s[-1])
@@ -44,6 +47,7 @@ class Reach:
         return found
 
 
+@bordered_fields()
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class WhiteAcceleration:
     """An acceleration of the target that is white in time: constant in each interval, independent from one to the next.
@@ -80,6 +84,7 @@ class WhiteAcceleration:
         """Of the parameters, interval by interval."""
         return tuple(f"{self.name} {k + 1} {axis}" for k in range(self.edges_s.size - 1) for axis in AXES)
 
+    @bordered()
     def pulled(self, t_s: Array) -> Array:
         """B (n, 6, 3 m): what the accelerations do to the state at each time (n,), as a change of it at the epoch."""
         if self.reach is None:

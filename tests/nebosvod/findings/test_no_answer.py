@@ -259,7 +259,7 @@ def test_a_fit_with_an_encounter_it_does_not_have_is_a_fit(tmp_path: Path) -> No
     case = SHARED / "cases" / "2024mk-june.yaml"
     if not case.is_file():
         pytest.skip(f"reference data not found at {case}")
-    assert main(["fit", str(case), "-o", str(tmp_path / "fit")]) == 1
+    assert main(["fit", str(case), "-o", str(tmp_path / "fit")]) == 0  # of an arc too short: a probability
     summary = summary_of(tmp_path / "fit")
     assert summary["fit"]["n_selected"] == 4
     (row,) = summary["predictions"]
