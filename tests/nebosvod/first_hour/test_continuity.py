@@ -1,6 +1,8 @@
 """Where least squares can be believed the grid says the same, and its block stands for the night in the filter."""
 
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
@@ -13,7 +15,9 @@ from nebosvod.first_hour.conditional import Conditional
 from nebosvod.first_hour.equivalent import block, state_partials, wide
 from nebosvod.first_hour.grid import grid_of
 from nebosvod.first_hour.tracklet import Tracklet
-from tests.nebosvod.first_hour.cases import CASES, Case, made
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+from hour_cases import CASES, Case, made  # type: ignore[import-not-found]
 
 Array = npt.NDArray[np.float64]
 KNOWN = [case for case in CASES if case.name in ("two stations, 6 h, 0.2 au", "one station, 3 h, 0.01 au",

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 
+import hour_oracle as oracle  # type: ignore[import-not-found]
 import numpy as np
 import numpy.typing as npt
 
@@ -11,7 +12,6 @@ from nebosvod.first_hour.tracklet import Columns, Tracklet
 from nebosvod.observation import GroundSite, LibrationOrbit, Spacecraft, Telescope
 from nebosvod.observation.measurement.exposures import Exposures
 from nebosvod.timescale import Epoch
-from tests.nebosvod.first_hour import oracle
 
 Array = npt.NDArray[np.float64]
 ARCSEC = np.pi / 648000.0
