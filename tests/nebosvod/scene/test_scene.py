@@ -61,7 +61,8 @@ def test_the_tables_of_kinds_know_all_that_a_mission_can_say() -> None:
     assert set(SPACECRAFT) == set(get_args(get_args(TelescopeOrbit)[0]))
     said = {("bias", word) for word in get_args(Bias.model_fields["correlation"].annotation)}
     said |= {("position", word) for word in get_args(Position.model_fields["correlation"].annotation)}
-    assert set(NUISANCES) == said | {("timing", "constant"), ("plate_scale", "constant"), ("photocentre", "constant")}
+    others = ("timing", "plate_scale", "photocentre", "process_noise")
+    assert set(NUISANCES) == said | {(word, "constant") for word in others}
 
 
 TABLE = """# a companion of the Earth
