@@ -17,7 +17,7 @@ ANSWERS = {  # whose answer -> the package and file of its JSON Schema
     "compare": ("nebosvod.results", "comparison.schema.json"),
     "compare-orbits": ("nebosvod.results", "orbit_comparison.schema.json"),
     "plan": ("nebosvod.planning", "plan.schema.json"),
-    "decide": ("nebosvod.planning", "decision.schema.json"),
+    "decision": ("nebosvod.planning", "decision.schema.json"),
     "study": ("nebosvod.studies", "study.schema.json"),
     "validate": ("nebosvod.studies", "validation.schema.json"),
 }
