@@ -23,8 +23,8 @@ class Consistency:
     Attributes
     ----------
     nees_mean : mean of e^T iK e over d: 1 when the covariance is right.
-    interval : where `nees_mean` lies with probability 1 - level.
-    variances : shape (d,), of the whitened components; their `variance_interval` is Bonferroni's.
+    interval : where `nees_mean` lies with probability 1 - level/2: half of the level is for the mean.
+    variances : shape (d,), of the whitened components; the other half is for them, `variance_interval` by Bonferroni.
     consistent : all inside.
     """
 
