@@ -15,9 +15,9 @@ from nebosvod.engine.facts import ValueFacts
 from nebosvod.engine.quantity import Quantity, make_quantity
 from nebosvod.errors import GeometryError, NoAnswerError
 from nebosvod.mission.formula import ENERGY, PARAMETERS, STATE, formula_names
+from nebosvod.mission.parameter import LOGARITHMS
 from nebosvod.mission.request import ValuePrediction
 from nebosvod.mission.state import to_icrf
-from nebosvod.mission.target import LOGARITHMS
 from nebosvod.scene.scene import Scene
 from nebosvod.units import AU_KM, DAY_S
 

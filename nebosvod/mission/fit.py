@@ -23,6 +23,7 @@ from nebosvod.mission.fields import (
 )
 from nebosvod.mission.found import STATE_LABELS, FileOrbit, files_of
 from nebosvod.mission.orbit import Frame, SbdbOrbit, StateOrbit
+from nebosvod.mission.parameter import LOGARITHMS
 from nebosvod.mission.question import DEFAULT_ESTIMATOR, SCHEMA_VERSION, CovariancePrior, PriorChoice, Question
 from nebosvod.mission.request import (
     Estimator,
@@ -36,7 +37,7 @@ from nebosvod.mission.request import (
 )
 from nebosvod.mission.sources import KINDS, Source
 from nebosvod.mission.spacecraft import OemFile, Spk, Tabulated
-from nebosvod.mission.target import LOGARITHMS, Body, Orbit
+from nebosvod.mission.target import Body, Orbit
 from nebosvod.mission.uncertainty import Bias, Error, Group, Position, Timing
 from nebosvod.timescale import Epoch
 

@@ -20,11 +20,12 @@ from nebosvod.mission.editing import as_text, as_tree, edited
 from nebosvod.mission.fields import Block, KeyPath
 from nebosvod.mission.found import FileOrbit
 from nebosvod.mission.orbit import Representation, SbdbOrbit
+from nebosvod.mission.parameter import Parameter
 from nebosvod.mission.request import Estimator, ForcePlan, Prediction, Prior, internal_covariance
 from nebosvod.mission.slugs import slug
 from nebosvod.mission.sources import Source
 from nebosvod.mission.spacecraft import TelescopeOrbit
-from nebosvod.mission.target import Body, Orbit, Parameter
+from nebosvod.mission.target import Body, Orbit
 from nebosvod.mission.yaml.inherit import resolve_like
 from nebosvod.mission.yaml.yamlfile import parse_yaml, shown
 from nebosvod.timescale import Epoch

@@ -1,25 +1,22 @@
 """The asteroid: its orbit, brightness, body and non-gravitational parameters."""
 
 import math
-from dataclasses import dataclass
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import Discriminator, Field, Tag
+from pydantic import Field
 
 from nebosvod.borders.treatment import Treatment
-from nebosvod.mission.declared import TrueAcceleration, TrueMagnitude, twin_complaints
+from nebosvod.mission.declared import TrueMagnitude, twin_complaints
 from nebosvod.mission.fields import (
-    Acceleration,
     Block,
     KeyPath,
-    PositiveAcceleration,
-    PositiveLength,
     PositiveNumber,
     Several,
     Text,
 )
 from nebosvod.mission.found import FileOrbit, parameter_of
+from nebosvod.mission.nongrav import Law, Nongrav
 from nebosvod.mission.orbit import (
     INVERSE_SQUARE,
     WATER_ICE,
@@ -30,25 +27,19 @@ from nebosvod.mission.orbit import (
     SbdbOrbit,
     StateOrbit,
 )
+from nebosvod.mission.parameter import LOGARITHMS, MAGNITUDE, Parameter, parameter_from
 from nebosvod.mission.uncertainty import Photocentre, ProcessNoise
 from nebosvod.mission.values import (
     Uncertain,
-    UncertainAcceleration,
     UncertainAlbedo,
     UncertainDensity,
     UncertainEmission,
     UncertainMass,
-    UncertainPositive,
     UncertainRadius,
 )
-from nebosvod.units import AU_KM
 
 Correlated = Literal["radius", "mass", "albedo", "thermal_emission", "A1", "A2", "A3", "a1_residual", "H"]
-Exponent = Annotated[float, Field(ge=0.0, le=20.0)]
 FOUR_THIRDS_PI = 4.1887902047863905
-# What is estimated in place of a quantity whose error is lognormal -> the quantity, as the force model names it
-MAGNITUDE = "H_mag"  # the absolute magnitude among the parameters; no force feels it
-LOGARITHMS = {"ln_radius": "radius_m", "ln_mass": "mass_kg", "ln_albedo": "albedo"}
 Orbit = Annotated[
     CometaryOrbit | KeplerianOrbit | EquinoctialOrbit | StateOrbit | ImpactOrbit | SbdbOrbit | FileOrbit,
     Field(discriminator="kind"),
@@ -98,111 +89,6 @@ class Correlation(Block):
     def complaints(self) -> list[tuple[KeyPath, str]]:
         """Two of them."""
         return [(("between",), "names one parameter twice")] if self.between[0] == self.between[1] else []
-
-
-class Residual(Block):
-    """What A1 may still be when radiation pressure is computed from the body."""
-
-    value: Acceleration = 0.0
-    sigma: PositiveAcceleration
-    treatment: Treatment
-    true: TrueAcceleration | None = Field(None, description="What it really is, where that is not as assumed")
-
-    def complaints(self) -> list[tuple[KeyPath, str]]:
-        """A twin stands beside something uncertain."""
-        return twin_complaints(self.true, True, self.treatment)
-
-
-class Law(Block):
-    """g(r) = alpha (r/r0)^-m [1 + (r/r0)^n]^-k (Marsden, Sekanina, Yeomans 1973)."""
-
-    alpha: Annotated[float, Field(gt=0.0, le=1e6)]
-    r0: PositiveLength
-    m: Exponent
-    n: Exponent = 5.093
-    k: Exponent
-
-    @property
-    def constants(self) -> dict[str, float]:
-        """Keywords of the force model."""
-        return {"alpha": self.alpha, "r0_au": self.r0 / AU_KM, "m": self.m, "n": self.n, "k": self.k}
-
-
-LawChoice = Annotated[
-    Annotated[Law, Tag("block")] | Annotated[Literal["inverse_square", "water_ice"], Tag("word")],
-    Discriminator(lambda value: "block" if isinstance(value, dict | Law) else "word"),
-]
-
-
-class Nongrav(Block):
-    """Marsden's A1 (radial), A2 (transverse), A3 (normal), the accelerations where g(r) = 1."""
-
-    A1: UncertainAcceleration | None = None
-    A2: UncertainAcceleration | None = None
-    A3: UncertainAcceleration | None = None
-    a1_residual: Residual | None = None
-    law: LawChoice = Field("inverse_square", description="g(r): (1 au/r)^2, that of comets, or its constants")
-
-    @property
-    def declared(self) -> dict[str, Block]:
-        """Those whose truth is declared, as they really are."""
-        given = {key: getattr(self, key) for key in ("A1", "A2", "A3", "a1_residual")}
-        return {
-            key: one.model_copy(update={**one.true.said, "true": None})
-            for key, one in given.items()
-            if one is not None and one.true is not None
-        }
-
-    def complaints(self) -> list[tuple[KeyPath, str]]:
-        """A1 and its residual exclude each other."""
-        if self.A1 is not None and self.a1_residual is not None:
-            return [(("a1_residual",), "A1 and a1_residual are the same parameter; keep one of the two")]
-        return []
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Parameter:
-    """One dynamic parameter as it is estimated: in the units of the force model, or the natural logarithm of that.
-
-    Attributes
-    ----------
-    name : the column of zeta: radius_m, mass_kg, albedo, thermal_emission, a1_au_d2, a2_au_d2, a3_au_d2, or one of
-        LOGARITHMS.
-    group : radius, mass, albedo, thermal_emission, A1, A2, A3 or a1_residual: what `treatment` of an estimator says.
-    key : what the mission file gave: the group, or diameter, density, geometric_albedo.
-    value, sigma : of what the name says; sigma None = no prior.
-    treatment : as the object says; estimators may override it (`Mission.treatment`).
-    origin : "orbit" when the value came with an SBDB orbit.
-    """
-
-    name: str
-    group: str
-    key: str
-    value: float
-    sigma: float | None
-    treatment: Treatment
-    origin: Literal["object", "orbit"] = "object"
-
-    @property
-    def quantity(self) -> tuple[str, float]:
-        """Name and value as the force model knows them."""
-        physical = LOGARITHMS.get(self.name)
-        return (self.name, self.value) if physical is None else (physical, math.exp(self.value))
-
-    @property
-    def per_logarithm(self) -> float:
-        """The value, or 1 of a logarithm: what a relative error is multiplied by to be one of this parameter."""
-        return 1.0 if self.name in LOGARITHMS else self.value
-
-    @property
-    def text(self) -> str:
-        """Name, value and sigma for the eye."""
-        name, value = self.quantity
-        if self.sigma is None:
-            return f"{name:<18} {value:.6g}"
-        if self.name in LOGARITHMS:
-            return f"{name:<18} {value:.6g} times or over {math.exp(self.sigma):.4g} (lognormal, {self.sigma:.4g})"
-        return f"{name:<18} {value:.6g} +- {self.sigma:.4g}"
 
 
 class Body(Block):
@@ -337,7 +223,7 @@ class Body(Block):
         if not self.has_radiation:
             return self._sphere_of_orbit()
         emission = self.thermal_emission or UncertainEmission(value=0.0)
-        heat = _parameter("thermal_emission", "thermal_emission", emission)
+        heat = parameter_from("thermal_emission", "thermal_emission", emission)
         return (self._radius(), self._mass(), self._albedo(), heat)
 
     def _sphere_of_orbit(self) -> tuple[Parameter, ...]:
@@ -371,7 +257,7 @@ class Body(Block):
                 )
                 found.append(parameter)
             elif item is not None:
-                found.append(_parameter(name, label, item))
+                found.append(parameter_from(name, label, item))
             elif isinstance(self.orbit, WITH_COVARIANCE) and self.orbit.nongrav_value(label) is not None:
                 value = self.orbit.nongrav_value(label) or 0.0
                 found.append(
@@ -427,26 +313,26 @@ class Body(Block):
 
     def _radius(self) -> Parameter:
         if self.diameter is None:
-            return _parameter("radius_m", "radius", self.radius)
-        return _parameter("radius_m", "radius", self.diameter, 0.5, key="diameter")
+            return parameter_from("radius_m", "radius", self.radius)
+        return parameter_from("radius_m", "radius", self.diameter, 0.5, key="diameter")
 
     def _albedo(self) -> Parameter:
         if self.geometric_albedo is None or self.magnitude is None:
-            return _parameter("albedo", "albedo", self.albedo)
-        return _parameter(
+            return parameter_from("albedo", "albedo", self.albedo)
+        return parameter_from(
             "albedo", "albedo", self.geometric_albedo, self.magnitude.phase_integral, key="geometric_albedo"
         )
 
     def _mass(self) -> Parameter:
         if self.density is None:
-            return _parameter("mass_kg", "mass", self.mass)
+            return parameter_from("mass_kg", "mass", self.mass)
         radius = self._radius()
         mass = FOUR_THIRDS_PI * radius.quantity[1] ** 3 * self.density.value
         by_radius = 3.0 * (radius.sigma or 0.0) / radius.per_logarithm * (radius.treatment != "fixed")
         by_density = (self.density.sigma or 0.0) / self.density.value
         sigma = math.hypot(by_radius, by_density) * mass or None
         given = self.density.model_copy(update={"value": mass, "sigma": sigma})
-        return _parameter("mass_kg", "mass", given, key="density")
+        return parameter_from("mass_kg", "mass", given, key="density")
 
 
 class Target(Body):
@@ -501,12 +387,3 @@ class Target(Body):
             text = f"cannot all be so: no covariance has them (smallest eigenvalue {least:.3g})"
             return [(("correlations",), text)]
         return []
-
-
-def _parameter(name: str, group: str, item: Uncertain | None, factor: float = 1.0, key: str = "") -> Parameter:
-    """A parameter from a block of the file, scaled; its logarithm where that is what is uncertain."""
-    source = item if item is not None else Uncertain(value=0.0)
-    value, sigma = source.value * factor, None if source.sigma is None else source.sigma * factor
-    if isinstance(source, UncertainPositive) and source.distribution == "lognormal" and sigma is not None:
-        name, value, sigma = f"ln_{group}", math.log(value), sigma / value
-    return Parameter(name=name, group=group, key=key or group, value=value, sigma=sigma, treatment=source.treatment)

@@ -18,7 +18,7 @@ from nebosvod.findings.assessment import Findings
 from nebosvod.findings.blame import LARGE
 from nebosvod.findings.impacts import impacts_of
 from nebosvod.findings.prediction import existing
-from nebosvod.mission.target import MAGNITUDE
+from nebosvod.mission.parameter import MAGNITUDE
 from nebosvod.observation.earth.sites import GroundSite
 from nebosvod.results import prediction_rows, rows
 from nebosvod.results.diagnosis_rows import diagnosis_block

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from nebosvod.dynamics import ForceModel
 from nebosvod.errors import InputError
-from nebosvod.mission.target import LOGARITHMS, MAGNITUDE
+from nebosvod.mission.parameter import LOGARITHMS, MAGNITUDE
 
 Array = npt.NDArray[np.float64]
 LARGEST = 100.0  # of a logarithm: its power, and the products of such powers, stay numbers

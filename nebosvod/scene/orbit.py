@@ -7,8 +7,8 @@ import numpy.typing as npt
 
 from nebosvod.errors import InputError
 from nebosvod.mission import Mission, load_mission
+from nebosvod.mission.parameter import LOGARITHMS
 from nebosvod.mission.reading.builtin import builtin_names
-from nebosvod.mission.target import LOGARITHMS
 from nebosvod.mission.yaml.yamlfile import shown
 from nebosvod.orbits.conversion import balanced_factor
 from nebosvod.orbits.reading import KNOWN, read_orbit_file

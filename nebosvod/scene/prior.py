@@ -18,11 +18,12 @@ from nebosvod.errors import InputError
 from nebosvod.estimation import Prior
 from nebosvod.mission import Question
 from nebosvod.mission.found import parameter_of
+from nebosvod.mission.parameter import Parameter
 from nebosvod.mission.question import CovariancePrior
 from nebosvod.mission.reading.places import asking
 from nebosvod.mission.request import Prior as PriorBlock
 from nebosvod.mission.state import orbit_state, to_icrf
-from nebosvod.mission.target import Parameter, Target
+from nebosvod.mission.target import Target
 
 Array = npt.NDArray[np.float64]
 STATE_NAMES = ("x_km", "y_km", "z_km", "vx_km_s", "vy_km_s", "vz_km_s")

@@ -16,11 +16,12 @@ from nebosvod.dynamics.impact import carry, follow
 from nebosvod.errors import CoverageError, InputError, UnseenError
 from nebosvod.mission import Mission, Question, Source
 from nebosvod.mission.orbit import ImpactOrbit
+from nebosvod.mission.parameter import LOGARITHMS, MAGNITUDE
 from nebosvod.mission.reading.places import asking, place
 from nebosvod.mission.request import Prediction
 from nebosvod.mission.spacecraft import OemFile, Spk, Tabulated
 from nebosvod.mission.state import orbit_state
-from nebosvod.mission.target import LOGARITHMS, MAGNITUDE, Orbit
+from nebosvod.mission.target import Orbit
 from nebosvod.observation import Nuisance, Telescope, Visibility, ZoneBias, visibility
 from nebosvod.observation.measurement.exposures import Exposures, row_order
 from nebosvod.scene.declared import Declared, as_assumed
