@@ -26,9 +26,9 @@ from nebosvod.observation.uncertainty.orbit_error import OrbitError
 from nebosvod.observation.uncertainty.photocentre import Photocentre
 from nebosvod.observation.uncertainty.plate_scale import PlateScale
 from nebosvod.observation.uncertainty.position_error import ConstantPosition, GaussMarkovPosition, WhitePosition
+from nebosvod.observation.uncertainty.process_noise import ProcessNoise, Reach
 from nebosvod.observation.uncertainty.simulate import draw_noise, draw_truth, measure
 from nebosvod.observation.uncertainty.term import Common, Markov, Term, White
-from nebosvod.observation.uncertainty.white_acceleration import Reach, WhiteAcceleration
 
 __all__ = [
     "ArcBias",
@@ -55,6 +55,7 @@ __all__ = [
     "OrbitError",
     "Photocentre",
     "PlateScale",
+    "ProcessNoise",
     "Reach",
     "Residuals",
     "Sight",
@@ -65,7 +66,6 @@ __all__ = [
     "TimingOffset",
     "Visibility",
     "White",
-    "WhiteAcceleration",
     "WhitePosition",
     "ZoneBias",
     "apparent_magnitude",

@@ -74,11 +74,21 @@ class System:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class BiasInnovation:
-    """Innovation of the bias-free stage r (p,), its covariance M (p, p), and the bias's partials S (p, r)."""
+    """What a measurement tells both stages.
+
+    Attributes
+    ----------
+    r, M, S : innovation of the bias-free stage (p,), its covariance (p, p), and the bias's partials (p, r).
+    told, total : what is new to both together (p,), r less what the bias was believed to do, and its covariance (p, p).
+    square : normalised square of `told`; the squares of all measurements add up to chi2.
+    """
 
     r: Array
     M: Array
     S: Array
+    told: Array
+    total: Array
+    square: float
 
 
 def predict_friedland(stage: TwoStage, system: System) -> TwoStage:
@@ -144,22 +154,26 @@ def update(stage: TwoStage, y: Array, C: Array, G: Array, R: Array) -> tuple[Two
     ----------
     Friedland 1969, IEEE Trans. Automatic Control 14, 359.
     """
-    M = C @ stage.P @ C.T + R
-    K = solve_positive(M, C @ stage.P).T
-    keep = np.eye(len(stage.P)) - K @ C
+    CP = C @ stage.P
+    M = CP @ C.T + R
+    K = solve_positive(M, CP).T
+    keep = _less(K @ C)
     r = y - C @ stage.x0
     S = C @ stage.V + G
-    total = M + S @ stage.P_b @ S.T
-    K_b = solve_positive(total, S @ stage.P_b).T
-    keep_b = np.eye(len(stage.P_b)) - K_b @ S
+    told = r - S @ stage.b
+    SP_b = S @ stage.P_b
+    total = M + SP_b @ S.T
+    weighed = solve_positive(total, np.column_stack([SP_b, told]))
+    K_b = weighed[:, :-1].T
+    keep_b = _less(K_b @ S)
     after = TwoStage(
         x0=stage.x0 + K @ r,
         P=_even(keep @ stage.P @ keep.T + K @ R @ K.T),
-        b=stage.b + K_b @ (r - S @ stage.b),
+        b=stage.b + K_b @ told,
         P_b=_even(keep_b @ stage.P_b @ keep_b.T + K_b @ M @ K_b.T),
         V=stage.V - K @ S,
     )
-    return after, BiasInnovation(r=r, M=M, S=S)
+    return after, BiasInnovation(r=r, M=M, S=S, told=told, total=total, square=float(told @ weighed[:, -1]))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -200,7 +214,15 @@ class BiasTest:
         return "bias" if self.statistic > limit else "no bias"
 
 
+def _less(KH: Array) -> Array:
+    """I - K H, in the place of K H."""
+    np.negative(KH, out=KH)
+    KH.flat[:: len(KH) + 1] += 1.0
+    return KH
+
+
 def _even(P: Array) -> Array:
     """Remove the asymmetry of round-off."""
-    even: Array = 0.5 * (P + P.T)
+    even: Array = P + P.T
+    even *= 0.5
     return even

@@ -166,8 +166,8 @@ def solve_positive(P: Array, right: Array) -> Array:
 
     Rows in units of their sigma are all that the choice of pivots needs; columns do not enter it.
     """
-    sigma = np.sqrt(np.abs(np.einsum("...ss->...s", P)))[..., None]  # one that has lost its digits is the caller's
-    unit = np.where(sigma > 0.0, sigma, 1.0)
+    sigma = np.sqrt(np.abs(P.diagonal(0, -2, -1)))[..., None]  # one that has lost its digits is the caller's
+    unit = sigma if sigma.all() else np.where(sigma > 0.0, sigma, 1.0)
     return np.asarray(np.linalg.solve(P / unit, right / unit), dtype=np.float64)
 
 

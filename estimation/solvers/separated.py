@@ -22,7 +22,6 @@ from nebosvod.estimation.problem.square_root import (
     conditioning,
     covariance_factor,
     lower_factor,
-    solve_positive,
     solve_square,
 )
 from nebosvod.estimation.problem.whitening import Whitener, raw_rows, whitened_rows
@@ -156,14 +155,11 @@ def stages(problem: LinearProblem) -> Stages:
     chi2 = 0.0
     for k in range(len(v)):
         stage = _advanced(stage, moving.step(k), inside, unit)
-        before = stage
         stage, seen = update(stage, v[k], H[k][:, inside], H[k][:, ~inside], moving.R[k])
-        told = seen.r - seen.S @ before.b
-        total = seen.M + seen.S @ before.P_b @ seen.S.T
-        chi2 += float(told @ solve_positive(total, told[:, None])[:, 0])
+        chi2 += seen.square
         mean, factor = _joint(stage, inside)
         track.mean[k], track.factor[k] = moving.mean + unit * mean, unit[:, None] * factor
-        track.innovation[k], track.spread[k] = told, np.linalg.cholesky(total)
+        track.innovation[k], track.spread[k] = seen.told, np.linalg.cholesky(seen.total)
         kept.append((stage.x0, np.sqrt(np.diag(stage.P)), stage.V))
     x0, sigma, V = (np.array(part) for part in zip(*kept))
     own = unit[inside]
@@ -272,10 +268,8 @@ def _filtered(rows: Array, prior: Array, inside: npt.NDArray[np.bool_], unit: Ar
     C, G = rows[:, :, :size][:, :, inside] * unit[inside], rows[:, :, :size][:, :, ~inside] * unit[~inside]
     noise, chi2 = np.eye(rows.shape[1]), 0.0
     for k in range(len(rows)):
-        before = stage
         stage, seen = update(stage, rows[k, :, size], C[k], G[k], noise)
-        innovation = seen.r - seen.S @ before.b
-        chi2 += float(innovation @ solve_positive(seen.M + seen.S @ before.P_b @ seen.S.T, innovation[:, None])[:, 0])
+        chi2 += seen.square
     return stage, chi2
 
 

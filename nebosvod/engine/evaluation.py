@@ -15,7 +15,7 @@ from nebosvod.engine.values import value_quantity
 from nebosvod.errors import CoverageError, NoAnswerError
 from nebosvod.mission.request import EncounterPrediction, Prediction, SkyPrediction, StatePrediction, ValuePrediction
 from nebosvod.observation import observe
-from nebosvod.scene.pulls import acceleration_of
+from nebosvod.scene.process_noise import process_noise_of
 from nebosvod.scene.scene import Scene
 from nebosvod.timescale import Epoch, Scale
 from nebosvod.units import ARCSEC
@@ -35,15 +35,15 @@ def quantity(scene: Scene, trajectory: Trajectory, request: Prediction, about: E
     NoAnswerError
         If it does not exist for this orbit; says why.
     """
-    return pulled(scene, _quantity(scene, trajectory, request, about))
+    return with_process_noise(scene, _quantity(scene, trajectory, request, about))
 
 
-def pulled(scene: Scene, one: Quantity) -> Quantity:
+def with_process_noise(scene: Scene, one: Quantity) -> Quantity:
     """A quantity with its partials by the process noise of the object until its time; as it is where there is none."""
-    noise = acceleration_of(scene.nuisances)
+    noise = process_noise_of(scene.nuisances)
     if noise is None:
         return one
-    B = noise.pulled(np.array([one.epoch - scene.epoch]))[0]
+    B = noise.moved_by(np.array([one.epoch - scene.epoch]))[0]
 
     def wider(rows: Array | None) -> Array | None:
         return None if rows is None else np.concatenate([rows, rows[..., :6] @ B], axis=-1)

@@ -17,7 +17,7 @@ from nebosvod.estimation.solvers.iteration import recentred
 from nebosvod.estimation.solvers.separated import Stages
 from nebosvod.estimation.solvers.tracked import Moving, Track
 from nebosvod.mission.request import TWO_STAGE
-from nebosvod.observation import Markov, WhiteAcceleration
+from nebosvod.observation import Markov, ProcessNoise
 from nebosvod.scene.point import Point, View
 from nebosvod.scene.prior import STATE_NAMES
 
@@ -106,7 +106,7 @@ def state_columns(moving: Moving, partials: Array, parameters: Names) -> Array:
     return W
 
 
-def pulled_along(path: Path, noise: WhiteAcceleration | None, point: Point, t_s: Array) -> Path:
+def with_process_noise(path: Path, noise: ProcessNoise | None, point: Point, t_s: Array) -> Path:
     """The path with what the process noise of the object does to the state at the measurements (n,).
 
     Accelerations on the reference orbit add Phi_k B_k a to the state, a counted from zero and not from the point.
@@ -115,7 +115,7 @@ def pulled_along(path: Path, noise: WhiteAcceleration | None, point: Point, t_s:
         return path
     columns, state = ([path.moving.names.index(name) for name in names] for names in (noise.names, STATE_NAMES))
     W, about = path.W.copy(), path.about.copy()
-    W[:, :, columns] = W[:, :, state] @ noise.pulled(t_s)
+    W[:, :, columns] = W[:, :, state] @ noise.moved_by(t_s)
     about[:, columns] = [-point.values.get(name, 0.0) for name in noise.names]
     return replace(path, W=W, about=about)
 

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from nebosvod.dynamics import Trajectory
 from nebosvod.engine.assembly import linear_problem, view
 from nebosvod.engine.extended import held_against, lost, pass_through
-from nebosvod.engine.filtering import MOST, Filtered, Path, filtered, linear_path, pulled_along
+from nebosvod.engine.filtering import MOST, Filtered, Path, filtered, linear_path, with_process_noise
 from nebosvod.engine.mean_errors import MeanErrors, mean_errors
 from nebosvod.errors import CoverageError, EventError, InputError
 from nebosvod.estimation import Estimate, History, IterationResult, LinearProblem, Status, gauss_newton
@@ -21,7 +21,7 @@ from nebosvod.mission.request import EXTENDED, OWN_GAIN, WITH_HISTORY
 from nebosvod.observation import Observation
 from nebosvod.scene.point import Point, View
 from nebosvod.scene.prior import PriorTable
-from nebosvod.scene.pulls import acceleration_of
+from nebosvod.scene.process_noise import process_noise_of
 from nebosvod.scene.scene import Scene
 
 Array = npt.NDArray[np.float64]
@@ -244,11 +244,11 @@ def _filtered(scene: Scene, ended: Convergence, estimator: Estimator, start: Vie
     found = ended.found
     if found.estimate.solution is None or ended.problem.n > MOST:
         return None
-    noise, t_s = acceleration_of(scene.nuisances), ended.seen.observation.t_s
+    noise, t_s = process_noise_of(scene.nuisances), ended.seen.observation.t_s
     if ended.path is not None:
-        return filtered(pulled_along(ended.path, noise, start.point, t_s), start.point, ended.seen)
+        return filtered(with_process_noise(ended.path, noise, start.point, t_s), start.point, ended.seen)
     path = linear_path(ended.problem, found.deviation, ended.seen, estimator.method)
-    return filtered(pulled_along(path, noise, ended.seen.point, t_s), ended.seen.point, ended.seen)
+    return filtered(with_process_noise(path, noise, ended.seen.point, t_s), ended.seen.point, ended.seen)
 
 
 def taken(point: Point, estimate: Estimate) -> Point:

@@ -22,7 +22,7 @@ from nebosvod.estimation import Block, Estimate, Markov, Prediction, White
 from nebosvod.estimation.accuracy import budget
 from nebosvod.estimation.solvers import batch
 from nebosvod.scene.prior import STATE_NAMES
-from nebosvod.scene.pulls import acceleration_of
+from nebosvod.scene.process_noise import process_noise_of
 from nebosvod.scene.scene import Scene
 
 Array = npt.NDArray[np.float64]
@@ -170,9 +170,9 @@ def state_shares(scene: Scene, fit: Fit, worlds: Worlds) -> list[StateShare]:
     Guo, Ivashkin 2018, KIAM preprint 213, sections 2.3.3-2.6.
     """
     total = _state_sigmas(_variances(worlds.now.predict(np.eye(6), STATE_NAMES)))
-    noise = acceleration_of(scene.nuisances)
-    pulls = set() if noise is None else set(noise.names)  # too many, and each means nothing by itself
-    others = [name for name in worlds.now.names if name not in STATE_NAMES and name not in pulls]
+    noise = process_noise_of(scene.nuisances)
+    accelerations = set() if noise is None else set(noise.names)  # too many, and each means nothing by itself
+    others = [name for name in worlds.now.names if name not in STATE_NAMES and name not in accelerations]
     own = _parts(worlds.now.predict(np.eye(len(others)), others)) if others else {}
     own_total = np.sum(list(own.values()), axis=0) if own else np.zeros(0)
     behind = telescopes_of(scene)

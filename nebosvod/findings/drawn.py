@@ -13,7 +13,7 @@ from nebosvod.estimation.accuracy import ellipse
 from nebosvod.estimation.accuracy.consistency import binomial_interval
 from nebosvod.findings.cloud import displacements
 from nebosvod.findings.displacement import moved_events, uncertain
-from nebosvod.scene.pulls import acceleration_of
+from nebosvod.scene.process_noise import process_noise_of
 from nebosvod.scene.scene import Scene
 
 Array = npt.NDArray[np.float64]
@@ -102,17 +102,17 @@ def clones(scene: Scene, fit: Fit, asked: Sequence[Quantity], runs: int, seed: i
     estimate minus that mean.
     Draw i comes from SeedSequence(seed, spawn_key=(1, i)).
     """
-    noise, known = acceleration_of(scene.nuisances), {*fit.estimate.names, *fit.estimate.left_out}
-    pulls = () if noise is None else tuple(name for name in noise.names if name in known)
-    names = (*uncertain(fit), *pulls)
+    noise, known = process_noise_of(scene.nuisances), {*fit.estimate.names, *fit.estimate.left_out}
+    accelerations = () if noise is None else tuple(name for name in noise.names if name in known)
+    names = (*uncertain(fit), *accelerations)
     S, mean = fit.estimate.factor(names), fit.mean_errors.shift(fit.estimate, names)
     rows = [S @ generator(seed, DRAWING, i).standard_normal(S.shape[1]) - mean for i in range(runs)]
     draws = np.array(rows).reshape(runs, len(names))
-    orbit = len(names) - len(pulls)
+    orbit = len(names) - len(accelerations)
     deviations = [dict(zip(names[:orbit], row[:orbit].tolist())) for row in draws]
     found, fates = _moved(scene, fit, asked, deviations)
-    if pulls:  # white accelerations act linearly, for an orbit cannot be flown with them
-        found = [points + draws[:, orbit:] @ one.partials_by(pulls).T for points, one in zip(found, asked)]
+    if accelerations:  # white accelerations act linearly, for an orbit cannot be flown with them
+        found = [points + draws[:, orbit:] @ one.partials_by(accelerations).T for points, one in zip(found, asked)]
     return found, fates
 
 

@@ -15,7 +15,7 @@ from nebosvod.observation import Visibility, visibility
 from nebosvod.observation.measurement.exposures import row_order
 from nebosvod.scene.imaging import imaged
 from nebosvod.scene.prior import PriorTable
-from nebosvod.scene.pulls import reached
+from nebosvod.scene.process_noise import reached
 from nebosvod.scene.scene import PlannedScene, measured
 
 Array = npt.NDArray[np.float64]

@@ -24,7 +24,7 @@ from nebosvod.results import prediction_rows, rows
 from nebosvod.results.diagnosis_rows import diagnosis_block
 from nebosvod.results.outlook import bent_words
 from nebosvod.scene.prior import STATE_NAMES, PriorTable
-from nebosvod.scene.pulls import acceleration_of
+from nebosvod.scene.process_noise import process_noise_of
 from nebosvod.scene.scene import PlannedScene, Scene
 from nebosvod.timescale import SECONDS_PER_DAY
 from nebosvod.units import ARCSEC
@@ -151,10 +151,10 @@ def _parameters(scene: Scene, priors: PriorTable, fit: Fit) -> dict[str, dict[st
     values = fit.point.values
     found: dict[str, dict[str, float | None]] = {}
     units = {name: parameter_unit(scene, term.name, name) for term in fit.seen.terms for name in term.names}
-    noise = acceleration_of(scene.nuisances)
-    pulls = () if noise is None else noise.names
+    noise = process_noise_of(scene.nuisances)
+    accelerations = () if noise is None else noise.names
     for name in (*fit.estimate.names, *fit.estimate.left_out):
-        if name in STATE_NAMES or name in pulls:
+        if name in STATE_NAMES or name in accelerations:
             continue
         before = fit.prior_sigmas.get(name, priors.sigma(name))
         unit, scale = units.get(name, ("", 1.0))

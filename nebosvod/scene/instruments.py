@@ -40,7 +40,6 @@ from nebosvod.observation import (
     Spacecraft,
     Telescope,
     TimingOffset,
-    WhiteAcceleration,
     WhitePosition,
     ZoneBias,
     read_oem,
@@ -49,11 +48,12 @@ from nebosvod.observation import (
 )
 from nebosvod.observation import Photocentre as PhotocentreOffset
 from nebosvod.observation import PlateScale as PlateScaleError
+from nebosvod.observation import ProcessNoise as ProcessNoiseTerm
 from nebosvod.observation.earth import obscodes
 from nebosvod.observation.measurement.telescope import NoiseTruth
 from nebosvod.observation.spacecraft.orbit_table import read_orbit_table
 from nebosvod.scene.declared import Declared
-from nebosvod.scene.pulls import edges
+from nebosvod.scene.process_noise import edges
 from nebosvod.timescale import Epoch
 
 Array = npt.NDArray[np.float64]
@@ -330,7 +330,7 @@ def _process_noise(source: Source, mission: Question, seeing: Seeing) -> Nuisanc
     error = _of(ProcessNoise, source)
     if not isinstance(mission, Mission):
         raise TypeError(f"{source.name}: of a mission that is simulated")
-    return WhiteAcceleration(
+    return ProcessNoiseTerm(
         name=source.name,
         telescopes=seeing,
         density_km2_s3=error.density_km2_s3,

@@ -28,7 +28,7 @@ from nebosvod.scene.declared import Declared, as_assumed
 from nebosvod.scene.imaging import imaged
 from nebosvod.scene.instruments import nuisance, telescopes
 from nebosvod.scene.logarithmic import LogarithmicForces
-from nebosvod.scene.pulls import reached
+from nebosvod.scene.process_noise import reached
 from nebosvod.scene.sharing import ALONE, Shared, aimed, flown
 from nebosvod.timescale import SECONDS_PER_DAY, Epoch
 

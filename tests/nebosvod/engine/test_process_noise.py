@@ -13,7 +13,7 @@ from nebosvod.engine.fitting import fit
 from nebosvod.engine.montecarlo import repeat
 from nebosvod.engine.quantity import known_partials
 from nebosvod.mission import Mission, load_mission_text
-from nebosvod.observation import Reach, WhiteAcceleration
+from nebosvod.observation import ProcessNoise, Reach
 from nebosvod.pipeline import run
 from nebosvod.scene.point import View
 from nebosvod.scene.prior import STATE_NAMES, PriorTable
@@ -128,11 +128,11 @@ def test_a_walk_in_free_space_has_the_textbook_covariance() -> None:
     integral[:, 3:] = nodes[:, None, None] * np.eye(3)
     reach = Reach(nodes_s=nodes, integral=integral, slope=slope)
     edges = np.linspace(0.0, 10.0 * DAY, 11)
-    noise = WhiteAcceleration(name="walk", telescopes=(), density_km2_s3=DENSITY, edges_s=edges, reach=reach)
+    noise = ProcessNoise(name="walk", telescopes=(), density_km2_s3=DENSITY, edges_s=edges, reach=reach)
     t = 10.0 * DAY
     Phi = np.eye(6)
     Phi[:3, 3:] = t * np.eye(3)
-    B = Phi @ noise.pulled(np.array([t]))[0]
+    B = Phi @ noise.moved_by(np.array([t]))[0]
     P = DENSITY / DAY * B @ B.T
     assert np.diag(P)[3:] == pytest.approx(DENSITY * t)
     assert np.diag(P)[:3] == pytest.approx(DENSITY * (t**3 / 3.0 - 10 * DAY**3 / 12.0))

@@ -49,7 +49,7 @@ class Reach:
 
 @bordered_fields()
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class WhiteAcceleration:
+class ProcessNoise:
     """An acceleration of the target that is white in time: constant in each interval, independent from one to the next.
 
     Parameters
@@ -85,7 +85,7 @@ class WhiteAcceleration:
         return tuple(f"{self.name} {k + 1} {axis}" for k in range(self.edges_s.size - 1) for axis in AXES)
 
     @bordered()
-    def pulled(self, t_s: Array) -> Array:
+    def moved_by(self, t_s: Array) -> Array:
         """B (n, 6, 3 m): what the accelerations do to the state at each time (n,), as a change of it at the epoch."""
         if self.reach is None:
             raise InputError(f"{self.name}: its reach on the reference orbit is not known yet")
@@ -97,7 +97,7 @@ class WhiteAcceleration:
 
     def term(self, observation: Observation, ephemeris: Ephemeris) -> Common:
         """H (n, 2, 3 m) of the accelerations in all intervals; they move the target, not the telescope."""
-        B = self.pulled(observation.t_s - observation.light_time_s)
+        B = self.moved_by(observation.t_s - observation.light_time_s)
         moved = None
         if len(observation.Phi_emission):  # empty where nothing will be simulated
             moved = -observation.Phi_emission @ B

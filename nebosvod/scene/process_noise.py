@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from nebosvod.dynamics import Trajectory
 from nebosvod.mission import Mission
-from nebosvod.observation import Nuisance, Reach, WhiteAcceleration
+from nebosvod.observation import Nuisance, ProcessNoise, Reach
 from nebosvod.scene.declared import Declared, as_assumed
 
 Array = npt.NDArray[np.float64]
@@ -36,10 +36,10 @@ def edges(mission: Mission, intervals: int) -> Array:
 
 def reached(nuisance: Nuisance, trajectory: Trajectory) -> Nuisance:
     """A process noise with its reach on a trajectory; any other nuisance as it is."""
-    if isinstance(nuisance, Declared) and isinstance(nuisance.assumed, WhiteAcceleration):
+    if isinstance(nuisance, Declared) and isinstance(nuisance.assumed, ProcessNoise):
         assumed, true = (reached(one, trajectory) for one in (nuisance.assumed, nuisance.true))
         return replace(nuisance, assumed=assumed, true=true)
-    if isinstance(nuisance, WhiteAcceleration):
+    if isinstance(nuisance, ProcessNoise):
         return replace(nuisance, reach=reach(trajectory, nuisance.edges_s))
     return nuisance
 
@@ -57,9 +57,9 @@ def reach(trajectory: Trajectory, edges_s: Array) -> Reach:
     return Reach(nodes_s=nodes, integral=whole, slope=_slopes(trajectory, nodes))
 
 
-def acceleration_of(nuisances: Sequence[Nuisance]) -> WhiteAcceleration | None:
+def process_noise_of(nuisances: Sequence[Nuisance]) -> ProcessNoise | None:
     """The process noise among some nuisances, as assumed."""
-    return next((one for one in map(as_assumed, nuisances) if isinstance(one, WhiteAcceleration)), None)
+    return next((one for one in map(as_assumed, nuisances) if isinstance(one, ProcessNoise)), None)
 
 
 def _slopes(trajectory: Trajectory, t_s: Array) -> Array:
