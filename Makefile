@@ -5,6 +5,8 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 PIP_INSTALL := -m pip install --quiet --disable-pip-version-check
+# one worker a core, each module of tests whole on one of them, so that its results are made once
+WORKERS := -n auto --dist loadfile
 
 .PHONY: demo test test-newest test-oldest lock check lint types format long bench bench-baseline bench-all fuzz schema docs hooks wheel smoke clean
 
@@ -22,7 +24,7 @@ demo: $(STAMP)
 	$(BIN)/nebosvod run apophis-2029 --overwrite
 
 test: $(STAMP)
-	$(BIN)/pytest -m 'not long'
+	$(BIN)/pytest -m 'not long' $(WORKERS)
 
 # One command refreshes every version, those of the tables of the Earth's rotation and of the observatories with them.
 lock: $(STAMP)
@@ -33,12 +35,12 @@ lock: $(STAMP)
 test-newest: $(STAMP)
 	rm -rf build/newest && $(BIN)/uv venv --quiet --python $(BIN)/python build/newest
 	VIRTUAL_ENV=build/newest $(BIN)/uv pip install --quiet --upgrade --editable '.[test,docs]'
-	NUMBA_CACHE_DIR=build/newest/kernels build/newest/bin/pytest -m 'not long' -p no:cacheprovider
+	NUMBA_CACHE_DIR=build/newest/kernels build/newest/bin/pytest -m 'not long' $(WORKERS) -p no:cacheprovider
 
 test-oldest: $(STAMP)
 	rm -rf build/oldest && $(BIN)/uv venv --quiet --python $(BIN)/python build/oldest
 	VIRTUAL_ENV=build/oldest $(BIN)/uv pip install --quiet --resolution lowest-direct --editable '.[test,docs]'
-	NUMBA_CACHE_DIR=build/oldest/kernels build/oldest/bin/pytest -m 'not long' -p no:cacheprovider
+	NUMBA_CACHE_DIR=build/oldest/kernels build/oldest/bin/pytest -m 'not long' $(WORKERS) -p no:cacheprovider
 
 lint: $(STAMP)
 	$(BIN)/ruff check .
