@@ -1,5 +1,6 @@
 """summary.json: every headline number of a run, units in the key names."""
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -19,6 +20,7 @@ from nebosvod.findings.blame import LARGE
 from nebosvod.findings.impacts import impacts_of
 from nebosvod.findings.prediction import existing
 from nebosvod.mission.parameter import MAGNITUDE
+from nebosvod.observation import Telescope
 from nebosvod.observation.earth.sites import GroundSite
 from nebosvod.results import prediction_rows, rows
 from nebosvod.results.diagnosis_rows import diagnosis_block
@@ -78,9 +80,20 @@ def visibility_rows(scene: PlannedScene) -> list[dict[str, Any]]:
             "candidates": int(seen.t_s.size),
             "visible": int(np.count_nonzero(seen.visible)),
             "removed": {limit: count for limit, count in seen.counts.items() if count},
+            "limits_deg": _limits_deg(telescope),
         }
         for telescope, seen in zip(scene.telescopes, scene.visibilities)
     ]
+
+
+def _limits_deg(telescope: Telescope) -> dict[str, float]:
+    """The angles a telescope keeps from Sun, Earth and Moon, and of a site the heights; those that it has."""
+    angles = {
+        "sun": telescope.exclusion_sun_rad, "sun_largest": telescope.largest_sun_rad,
+        "earth": telescope.exclusion_earth_rad, "moon": telescope.exclusion_moon_rad,
+        "altitude": telescope.altitude_rad, "sun_altitude": telescope.sun_altitude_rad,
+    }  # fmt: skip
+    return {name: round(math.degrees(angle), 9) for name, angle in angles.items() if angle is not None}
 
 
 def estimator_row(scene: Scene, priors: PriorTable, fit: Fit) -> dict[str, Any]:

@@ -2,7 +2,10 @@
 
 import base64
 import hashlib
+import re
+from collections.abc import Sequence
 from functools import cache
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +18,7 @@ from nebosvod.version import __version__
 HERE = Path(__file__).parent.parent
 
 
-def render(template: str, **words: Any) -> str:
+def render(template: str, *, stamp: Sequence[str] = (), **words: Any) -> str:
     """Fill a template of this folder that extends base.html; the same words give the same bytes.
 
     Parameters
@@ -24,20 +27,46 @@ def render(template: str, **words: Any) -> str:
     words : what the template speaks of. base.html itself needs `title` (the heading) and `kind` (what the page is,
         as "Accuracy report"); both are escaped unless they are Markup.
 
+    stamp : when, by which version and from what the answer was made (`kit.stamp`).
+
     Notes
     -----
+    Figures and tables are numbered in the order of the page.
+
     Every page is one file without any request: style and script stand in it, and its Content-Security-Policy allows
     nothing but them (the script by its hash) and `data:` images. A page must read completely without the script.
     """
     script = (HERE / "script.js").read_text(encoding="utf-8")
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
-    return _environment().get_template(template).render(
+    made = [*stamp] or [f"nebosvod {__version__}"]
+    page = _environment().get_template(template).render(
         program=__version__,
+        stamp=made,
+        running=_css_text(f"{words['title']} · {words['kind']}"),
+        running_stamp=_css_text(" · ".join(made)),
         css=Markup((HERE / "style.css").read_text(encoding="utf-8")),
         script=Markup(script),
         policy=f"default-src 'none'; style-src 'unsafe-inline'; img-src data:; script-src 'sha256-{digest}'",
         **words,
     )  # fmt: skip
+    return _numbered(page)
+
+
+def _numbered(page: str) -> str:
+    """The page with `Figure 3` and `Table 2` before captions; macros.html leaves the places."""
+    numbers = {"Figure": count(1), "Table": count(1)}
+
+    def said(place: re.Match[str]) -> str:
+        return f'<b class="number">{place[1]} {next(numbers[place[1]])}.</b>'
+
+    return re.sub(r'<b class="number">(Figure|Table)</b>', said, page)
+
+
+def _css_text(text: str) -> Markup:
+    """Text as a string of CSS inside a <style>: nothing in it can end the string or the element."""
+    plain = str(Markup(text).striptags()) if isinstance(text, Markup) else text
+    kept = "".join(c if c.isalnum() or c in " .,:;·-()" else f"\\{ord(c):x} " for c in plain)
+    return Markup(f'"{kept}"')
 
 
 @cache

@@ -9,7 +9,8 @@ drawing, and a report takes a third of the time. Texts are set by the page, in i
 """
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -28,7 +29,8 @@ from nebosvod.report.kit.plate import GREY, INK, Plate
 from nebosvod.report.kit.scale import Scale
 
 Array = npt.NDArray[np.float64]
-WIDTH = 440.0  # of a figure over the whole column; 10.5 px text then reads at 8.5 px on a phone and 15 px on a laptop
+WIDTH = 440.0  # of a figure beside its caption; on a phone it keeps a size that can be read, and scrolls
+WIDE = 760.0  # of a figure over the whole page, which is drawn anew for a phone: see `fitted`
 NARROW = 358.0  # of a figure that may stand beside another; its texts read at 10 px or more on a phone of 390
 SHEET = 1200.0  # height on which is drawn: the legend, which comes last, tells how much of it the figure takes
 GRID = "#e4e4e4"
@@ -36,7 +38,7 @@ CHARACTER = 6.1  # mean width of a character of axis text, px
 PIXELS = Affine2D([[1.0, 0.0, 0.0], [0.0, -1.0, SHEET], [0.0, 0.0, 1.0]])  # matplotlib counts from the lower left
 MARKERS: Mapping[str, tuple[str, float]] = {  # shape, and its size in px for marks of size 3
     "o": ("o", 3.0), "s": ("s", 2.6), "^": ("^", 4.2), "v": ("v", 4.2), "D": ("D", 3.4), "P": ("+", 5.0),
-    "|": ("|", 10.0), "O": ("o", 5.0), "S": ("s", 4.4), "x": ("x", 3.4),
+    "|": ("|", 10.0), "O": ("o", 5.0), "S": ("s", 4.4), "x": ("x", 3.4), "X": ("X", 6.0),
 }  # fmt: skip
 # many small dots are lines hardly longer than their caps: half as heavy, and they keep their size when enlarged; not
 # quite without length, since a square cap of a line without direction is left out by PDF readers (Poppler)
@@ -105,10 +107,14 @@ class Chart:
         self.parts.append(_Piece(name, tip, attributes))
 
     def panel(self, x: Scale, y: Scale, *, top: float, bottom: float, left: float | None = None,
-              right: float | None = None, title: str = "") -> "Panel":  # fmt: skip
-        """Add a panel between heights `top` and `bottom`; its left edge leaves room for the tick texts of y."""
+              right: float | None = None, title: str = "", name_at: float = 11.0) -> "Panel":  # fmt: skip
+        """Add a panel between heights `top` and `bottom`; its left edge leaves room for the tick texts of y.
+
+        `name_at` is where the name of y stands.
+        """
         edge = left if left is not None else (18.0 if y.label else 4.0) + CHARACTER * y.width + 5.0
-        return Panel(self, x, y, (edge, top, self.width - 13.0 if right is None else right, bottom), title)
+        box = (edge, top, self.width - 13.0 if right is None else right, bottom)
+        return Panel(self, x, y, box, title, name_at)
 
     def legend(self, entries: Sequence[tuple[str, str, dict[str, Any]]], top: float, left: float = 6.0) -> float:
         """Name what is drawn, in as many lines as it takes; returns the height below the last.
@@ -132,14 +138,17 @@ class Chart:
 
     def plate(self, label: str, caption: Markup, data: Sequence[Download] = ()) -> Plate:
         """Close the figure: what it shows, what it says, and its numbers."""
+        return Plate(key=self.key, svg=self.svg(label), label=label, caption=caption, data=tuple(data))
+
+    def svg(self, label: str) -> Markup:
+        """The figure as it stands in a page; `label` says what it shows."""
         drawn = pieces(self.figure, f"{self.key}-")
         body = [part if isinstance(part, str) else part.text(drawn) for part in self.parts]
         head = (
             f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {self.width:g} {self.height:g}" role="img" '
-            f'aria-label="{escape(label)}">'
+            f'style="--w:{self.width:g}" aria-label="{escape(label)}">'
         )
-        svg = Markup(head + "\n" + "\n".join(one for one in body if one) + "\n</svg>")
-        return Plate(key=self.key, svg=svg, label=label, caption=caption, data=tuple(data))
+        return Markup(head + "\n" + "\n".join(one for one in body if one) + "\n</svg>")
 
 
 class _Piece:
@@ -168,9 +177,10 @@ class Panel:
     """Axes and what is drawn between them; values are given, pixels are drawn."""
 
     def __init__(
-        self, chart: Chart, x: Scale, y: Scale, box: tuple[float, float, float, float], title: str = ""
-    ) -> None:
-        self.chart, self.x, self.y = chart, x, y
+        self, chart: Chart, x: Scale, y: Scale, box: tuple[float, float, float, float], title: str = "",
+        name_at: float = 11.0,
+    ) -> None:  # fmt: skip
+        self.chart, self.x, self.y, self.name_at = chart, x, y, name_at
         self.left, self.top, self.right, self.bottom = box
         self._ticks()
         self._names(title)
@@ -275,9 +285,17 @@ class Panel:
         if self.x.label and not self.x.silent:
             self.chart.text((self.left + self.right) / 2.0, self.bottom + 27.0, self.x.label, "middle")
         if self.y.label and not self.y.silent:
-            self.chart.text(11.0, (self.top + self.bottom) / 2.0, self.y.label, "middle", turned=True)
+            self.chart.text(self.name_at, (self.top + self.bottom) / 2.0, self.y.label, "middle", turned=True)
         if title:
             self.chart.text(self.left, self.top - 5.0, title)
+
+
+def fitted(draw: Callable[[float], Chart], label: str, caption: Markup, data: Sequence[Download] = ()) -> Plate:
+    """A figure over the whole page, and the same anew for a phone; `draw` makes it for a width in px."""
+    plate = draw(WIDE).plate(label, caption, data)
+    small = draw(NARROW)
+    small.key += "-small"
+    return replace(plate, narrow=small.svg(label))
 
 
 def line_look(**look: Any) -> dict[str, Any]:

@@ -17,13 +17,17 @@ POINTS = 1500  # at most so many markers a panel: more cannot be seen and only m
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Plate:
-    """One figure: inline SVG, what it shows (for who cannot see it), its caption, its numbers as files."""
+    """One figure: inline SVG, what it shows (for who cannot see it), its caption, its numbers as files.
+
+    `narrow` is the same drawn anew for a phone, where the other would be too small to read.
+    """
 
     key: str
     svg: Markup
     label: str
     caption: Markup
     data: tuple[Download, ...] = ()
+    narrow: Markup | None = None
 
 
 def thin(n: int, most: int = POINTS) -> slice:

@@ -1,10 +1,10 @@
 """The target plane of an encounter at one scale: the disc of the body, what it captures, ellipses, drawn orbits.
 
-Where the ellipse is far larger or smaller than the body, a second figure shows what the first cannot: the surroundings
+Where the ellipse is far larger or smaller than the body, a second picture shows what the first cannot: the surroundings
 of the body, or those of the ellipse; a frame in the first says where it lies.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from markupsafe import Markup
 
-from nebosvod.report.kit.chart import CHARACTER, NARROW, Chart, Panel
+from nebosvod.report.kit.chart import CHARACTER, NARROW, WIDE, Chart, Panel, fitted
 from nebosvod.report.kit.download import Download, csv
 from nebosvod.report.kit.outline import ANGLES, outline
 from nebosvod.report.kit.plate import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, VERMILION, Plate, thin
@@ -62,18 +62,38 @@ class TargetView:
 
 
 def target_plates(key: str, view: TargetView, label: str, caption: Markup) -> list[Plate]:
-    """The whole plane, and where it needs one an enlarged part of it."""
+    """The figure of a target plane: the whole of it, and beside it what is too small there."""
     whole = _whole(view)
     near = _part(view, whole)
     hidden = _outside(view, whole)
     told = caption if not hidden else caption + Markup(" {} outside the picture.").format(count(hidden, "drawn orbit"))
     if near is None:
-        return [_plate(key, view, whole, None, label, told, _data(key, view))]
-    box, words = near
-    return [
-        _plate(key, view, whole, box, label, told, _data(key, view)),
-        _plate(f"{key}-near", view, box, None, f"{label}, enlarged", Markup("The same plane {}.").format(words), ()),
-    ]
+        return [target_chart(key, view, NARROW).plate(label, told, _data(key, view))]
+    told += Markup(" The second picture shows the frame in the first, {}, enlarged.").format(near[1])
+    return [fitted(lambda width: target_chart(key, view, width), label, told, _data(key, view))]
+
+
+def target_chart(key: str, view: TargetView, width: float = WIDE) -> Chart:
+    """Draw a target plane, each picture with one scale for both axes.
+
+    Parameters
+    ----------
+    width : px; from 600 on the enlarged picture stands beside the whole, else below it.
+    """
+    whole = _whole(view)
+    near = _part(view, whole)
+    chart = Chart(key, width=width, height=0.0)
+    beside = near is not None and width > 600.0
+    side = (width / 2.0 if beside else width) - LEFT - RIGHT
+    first, below = _picture(chart, view, whole, None if near is None else near[0], (0.0, 8.0, side))
+    shown = {text: (kind, text, look) for kind, text, look in first}
+    if near is not None:
+        corner = (width / 2.0, 8.0) if beside else (0.0, below + 12.0)
+        more, end = _picture(chart, view, near[0], None, (*corner, side))
+        shown |= {text: (kind, text, look) for kind, text, look in more}
+        below = max(below, end)
+    chart.height = chart.legend([*shown.values()], below + 10.0, 4.0) - 4.0
+    return chart
 
 
 def _extent(view: TargetView) -> Array | None:
@@ -135,19 +155,22 @@ def _outside(view: TargetView, box: Box) -> int:
     return int(np.count_nonzero((x < box[0]) | (x > box[1]) | (y < box[2]) | (y > box[3])))
 
 
-def _plate(
-    key: str, view: TargetView, box: Box, frame: Box | None, label: str, caption: Markup, data: Sequence[Download]
-) -> Plate:
-    """One picture of the plane, one scale for both axes."""
+def _picture(
+    chart: Chart, view: TargetView, box: Box, frame: Box | None, corner: tuple[float, float, float]
+) -> tuple[list["Entry"], float]:
+    """One picture with its upper left corner at (x, y), as wide as there is room; what it shows, and where it ends."""
     width, height = box[1] - box[0], box[3] - box[2]
     factor, unit = (1e-3, "10³ km") if width > 3e5 else (1.0, "km") if width > 3.0 else (1e3, "m")
     y = linear([factor * box[2], factor * box[3]], f"{view.names[1]}, {unit}", pad=0.0)
-    left = max(LEFT, 23.0 + CHARACTER * y.width)
-    scale = min((NARROW - RIGHT - left) / width, TALLEST / height)
+    across, top, side = corner
+    edge = max(LEFT, 23.0 + CHARACTER * y.width)
+    room = side + LEFT - edge
+    scale = min(room / width, TALLEST / height)
     wide, tall = scale * width, scale * height
     x = linear([factor * box[0], factor * box[1]], f"{view.names[0]}, {unit}", pad=0.0, most=4)
-    chart = Chart(key, width=NARROW, height=tall + 90.0)
-    panel = chart.panel(_roomy(x, left, wide), y, top=8.0, bottom=8.0 + tall, left=left, right=left + wide)
+    left = across + edge
+    panel = chart.panel(_roomy(x, wide, room + RIGHT - 1.0), y, top=top, bottom=top + tall, left=left,
+                        right=left + wide, name_at=across + 11.0)  # fmt: skip
     panel.open()
     panel.clip()
     shown = _body(panel, view, factor, box)
@@ -158,17 +181,16 @@ def _plate(
         _frame(panel, frame, factor, width)
     panel.unclip()
     panel.close()
-    chart.height = chart.legend(shown, tall + 52.0, 4.0) - 4.0
-    return chart.plate(label, caption, data)
+    return shown, top + tall + 34.0
 
 
 Entry = tuple[str, str, dict[str, Any]]
 
 
-def _roomy(x: Scale, left: float, wide: float) -> Scale:
+def _roomy(x: Scale, wide: float, room: float) -> Scale:
     """An axis without the ticks whose texts would be cut at the edge of the figure."""
-    room = (NARROW - left - 1.0) / wide
-    kept = [(v, text) for v, text in x.ticks if float(x.part(np.array(v))) + 0.5 * CHARACTER * len(text) / wide <= room]
+    part = room / wide
+    kept = [(v, text) for v, text in x.ticks if float(x.part(np.array(v))) + 0.5 * CHARACTER * len(text) / wide <= part]
     return replace(x, ticks=tuple(kept))
 
 

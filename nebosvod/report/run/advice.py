@@ -170,6 +170,27 @@ def remedy_sentence(run: RunFolder, main: Item) -> Markup | None:
     return Markup("{}.").format(text)
 
 
+def brief_sentence(run: RunFolder, main: Item) -> Markup | None:
+    """The best single remedy, and how well the telescope must be known that matters most; None without either."""
+    parts = []
+    books = ledgers(run, main)
+    best = best_remedy(books[0], "if_halved") if books else None
+    if best is not None:
+        unit = books[0].unit
+        parts.append(Markup("Halving the error of {} brings {} from {} to {}").format(
+            best.source, books[0].title, quantity(books[0].total, unit), quantity(best.then["if_halved", "new"], unit)
+        ))  # fmt: skip
+    rows = required_rows(run)
+    rows = [r for r in rows if r["prediction"] == rows[0]["prediction"] and _limit(r, 10.0, "new") is not None]
+    if rows:
+        tight = min(rows, key=lambda r: _limit(r, 10.0, "new") or 0.0)
+        now = tight.get("sigma_position_now_km")
+        said = Markup("position tolerance of {} for 10{}% growth: {}").format(
+            tight["telescope"], NBSP, quantity(_limit(tight, 10.0, "new"), "km"))  # fmt: skip
+        parts.append(said + (Markup(" (now {})").format(quantity(now, "km")) if finite(now) else Markup("")))
+    return Markup("; ").join(parts) + "." if parts else None
+
+
 def plan_sentence(run: RunFolder) -> Markup | None:
     """Which command says what to measure next."""
     if run.main is None or not leading(run, run.main):

@@ -49,12 +49,10 @@ def plane_plates(run: RunFolder, p: Item) -> list[Plate]:
         return []
     name = plane_name(p["plane"], p["body"])
     sizes = quantity(view.radius_km, "km", 4), quantity(view.capture_km, "km", 4)
-    words = "<b>{}</b>: {} at one scale, with the disc (radius {}) and the capture circle ({}) of orbits that hit."
-    caption = Markup(words).format(p["name"], name, *sizes) + impact_clause(p)
+    words = "One scale for both axes: the disc (radius {}) and the capture circle ({}), inside which orbits hit."
+    caption = Markup(words).format(*sizes) + impact_clause(p)
     key = "target-" + array_name(p["name"]).replace("_", "-")
-    plates = target_plates(key, view, f"{p['name']}: {name} with the body to scale", caption)
-    about_ellipse = len(plates) > 1 and float(np.sqrt(np.diag(K)).max()) < view.capture_km
-    return plates[:1] if about_ellipse else plates  # the ellipse itself has its own figure
+    return target_plates(key, view, f"{p['name']}: {name} with the body to scale", caption)
 
 
 def entry_plates(run: RunFolder, p: Item) -> list[Plate]:

@@ -1,158 +1,248 @@
-"""Where everything was: plan view of the ecliptic, and distance and Sun angle of each measurement."""
+"""Where everything was: orbits, telescopes, Sun, what cannot be seen, the encounter; from above and from the side."""
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from markupsafe import Markup
 
-from nebosvod.report.kit import wording
-from nebosvod.report.kit.chart import Chart, Panel
+from nebosvod.dynamics.constants import AU_KM
+from nebosvod.dynamics.frames import R_ecliptic_from_icrf
+from nebosvod.report.kit import planets, wording
+from nebosvod.report.kit.chart import WIDE, Chart, fitted
 from nebosvod.report.kit.download import csv
-from nebosvod.report.kit.plate import BLUE, GREEN, GREY, ORANGE, SERIES, Plate, thin
-from nebosvod.report.kit.scale import calendar, linear
+from nebosvod.report.kit.plate import BLUE, GREEN, GREY, ORANGE, SERIES, VERMILION, Plate, thin
+from nebosvod.report.kit.sight import Cone, Marks, Sight, Thing, Track, draw, entries
 from nebosvod.report.kit.wording import quantity
+from nebosvod.report.run.near_earth import is_near, near_earth
 from nebosvod.results.folder import Array, RunFolder
-from nebosvod.timescale import SECONDS_PER_DAY
+from nebosvod.timescale import Epoch
 
-AU_KM = 1.495978707e8
-OBLIQUITY_RAD = np.radians(84381.448 / 3600.0)  # IAU 1976, the J2000 ecliptic of JPL's orbits
-SIGHT_LINES = 9
-NEAR_EARTH_KM = 3.0e6  # twice the L1 distance: a telescope inside it cannot be told from the Earth at this scale
+GM_SUN_KM3_S2 = 1.32712440041e11  # DE440; for the shape of an orbit in a picture
+SIGHT_LINES = 7
+FAR = 1.7  # an orbit that reaches so many times farther than all the rest is cut at the edge
+TRACK: dict[str, Any] = {"stroke": BLUE, "stroke_width": 2.4}
+ORBIT: dict[str, Any] = {"stroke": BLUE, "stroke_width": 0.9, "stroke_dasharray": "5 3"}
+PLANET: dict[str, Any] = {"stroke": GREEN, "stroke_width": 0.9, "stroke_dasharray": "5 3"}
 
 
-def plan_view(run: RunFolder) -> Plate | None:
-    """Sun, Earth, telescopes and the asteroid's arc, seen from the north pole of the ecliptic, equal axes."""
+def geometry_plate(run: RunFolder) -> Plate | None:
+    """The geometry of a run as a figure of its page; None where it has no measurement."""
+    if geometry_chart(run) is None:
+        return None
+    return fitted(
+        lambda width: geometry_chart(run, width) or Chart("geometry"),
+        "Geometry from above and from the side: Sun, orbits, telescopes, encounter",
+        _caption(run),
+        [_data(run)],
+    )
+
+
+def geometry_chart(run: RunFolder, width: float = WIDE) -> Chart | None:
+    """Draw the geometry of a run; None where it has no measurement.
+
+    Parameters
+    ----------
+    width : px; from 600 on the neighbourhood of the Earth stands beside the Solar System, else below it.
+    """
+    system = _solar_system(run)
+    if system is None:
+        return None
+    near = near_earth(run)
+    chart = Chart("geometry", width=width, height=0.0)
+    beside = width > 600.0
+    title = "from ecliptic north, and from the side"
+    size = (width - 2 * 58.0 - 26.0) / 2.0 if beside and near else min(width - 58.0 - 12.0, 400.0)
+    if not near:
+        below = draw(chart, system, left=58.0, top=20.0, size=size, title=title)
+        if beside:  # the legend has room at the right
+            chart.height = max(below, chart.legend(entries(system.things), 30.0, 58.0 + size + 40.0))
+            return chart
+    else:
+        below = draw(chart, system, left=58.0, top=20.0, size=size, title=title)
+        words = "about the Earth, turning with it around the Sun"
+        if beside:
+            below = max(below, draw(chart, near, left=width - 12.0 - size, top=20.0, size=size, title=words))
+        else:
+            below = draw(chart, near, left=58.0, top=below + 22.0, size=size, title=words)
+    things = [*system.things, *(near.things if near else ())]
+    chart.height = chart.legend(entries(things), below + 6.0, 12.0)
+    return chart
+
+
+def ecliptic_au(position_km: Array) -> Array:
+    """ICRF positions (..., 3), km, in the ecliptic of J2000, au."""
+    found: Array = np.asarray(position_km, dtype=np.float64) @ R_ecliptic_from_icrf.T / AU_KM
+    return found
+
+
+def _solar_system(run: RunFolder) -> Sight | None:
+    """Everything around the Sun; None where the run has no measurement."""
     arc, place = run.array("object_track_km"), run.array("telescope_position_km")
     earth, state, index = run.array("earth_position_km"), run.array("state"), run.array("telescope_index")
     if arc is None or place is None or earth is None or state is None or index is None or not len(place):
         return None
-    remote = [i for i in range(len(run.telescopes)) if _is_remote(place, earth, index == i)]
-    paths = {"Earth": plan(earth)[thin(len(earth), 300)], "asteroid": plan(arc)[thin(len(arc), 400)]}
-    paths |= {run.telescopes[i]: _unbroken(plan(place[index == i])) for i in remote}
-    every = np.vstack([np.zeros((1, 2)), *paths.values()])
-    middle = 0.5 * (np.nanmin(every, axis=0) + np.nanmax(every, axis=0))
-    half = 0.54 * float(np.max(np.nanmax(every, axis=0) - np.nanmin(every, axis=0)))
-    x = linear([middle[0] - half, middle[0] + half], "towards the equinox, au", pad=0.0)
-    y = linear([middle[1] - half, middle[1] + half], "90° ahead in the ecliptic, au", pad=0.0)
-    chart = Chart("geometry", width=334.0, height=0.0)
-    panel = chart.panel(x, y, top=8.0, bottom=278.0, left=58.0, right=328.0)
-    looks = _draw_tracks(panel, paths, place, state, run.telescopes)
-    chart.height = chart.legend(looks, 322.0, 54.0)
-    names = [name for name, path in paths.items() for _ in path]
-    points = np.vstack(list(paths.values()))
-    return chart.plate(
-        "Plan view of the ecliptic: Sun, Earth, telescopes and the arc of the asteroid",
-        _plan_caption(run, arc, place, earth, state, remote),
-        [csv("plan-view", {"track": names, "x_au": points[:, 0], "y_au": points[:, 1]})],
-    )
+    track, seen = ecliptic_au(arc), ecliptic_au(state[:, :3])
+    met = _encounters(run)
+    bodies = list(dict.fromkeys(["earth", *(planets.WITH.get(body, body) for body, _, _ in met)]))
+    things: list[Thing] = [Marks(name="Sun", points=np.zeros((1, 3)), marker="o", look={"color": ORANGE, "size": 9.0})]
+    things += _exclusions(run, ecliptic_au(place), index)
+    things += [Track(name=f"orbit of {_the(body)}", points=planets.orbit(body), look=PLANET) for body in bodies]
+    things += _sight_lines(ecliptic_au(place), seen)
+    things.append(Track(name="Earth, during the measurements", points=ecliptic_au(earth)[thin(len(earth), 300)],
+                        look={"stroke": GREEN, "stroke_width": 2.4}))  # fmt: skip
+    things += _telescopes(run, place, earth, index)
+    things.append(Track(name=wording.NBSP.join(["asteroid,", "measured arc"]), points=track, look=TRACK))
+    things.append(Marks(name="first measurement", points=seen[:1], marker="O", look={"color": BLUE}))
+    things.append(Marks(name="last measurement", points=seen[-1:], marker="o", look={"color": BLUE, "size": 6.0}))
+    things += [Marks(name="encounter", points=at[None], marker="X", look={"color": VERMILION, "size": 4.0}, text=said)
+               for _, said, at in met]  # fmt: skip
+    middle, half, low, high = _frame(things)
+    path = _osculating(run, FAR * float(np.abs(middle).max() + half))
+    if path is not None:
+        things.insert(1, Track(name="orbit of the asteroid", points=path, look=ORBIT))
+        if float(np.nanmax(np.linalg.norm(path, axis=1))) < FAR * (half + float(np.abs(middle).max())) * 0.99:
+            middle, half, low, high = _frame(things)
+    names = ("towards the equinox, au", "90° ahead in the ecliptic, au", "north, au")
+    return Sight(names=names, middle=middle, half=half, low=low, high=high, things=things)
 
 
-def plan(position_km: Array) -> Array:
-    """ICRF positions (..., 3) in km -> ecliptic x, y (..., 2) in au."""
-    y = position_km[..., 1] * np.cos(OBLIQUITY_RAD) + position_km[..., 2] * np.sin(OBLIQUITY_RAD)
-    return np.stack([position_km[..., 0], y], axis=-1) / AU_KM
+def _frame(things: Sequence[Thing]) -> tuple[Array, float, float, float]:
+    """Middle and half width of the view from above, and the reach of the one from the side."""
+    every = np.vstack([one.points for one in things if isinstance(one, Track | Marks)])
+    low, high = np.nanmin(every, axis=0), np.nanmax(every, axis=0)
+    half = 0.54 * float((high - low)[:2].max())
+    room = 0.06 * half
+    return 0.5 * (low + high)[:2], half, float(low[2]) - room, float(high[2]) + room
+
+
+def _the(body: str) -> str:
+    return "the Earth" if body == "earth" else body.capitalize()
+
+
+def _encounters(run: RunFolder) -> list[tuple[str, str, Array]]:
+    """Each encounter that is predicted, once: the body, what to write beside it, and where the body then is."""
+    found: dict[tuple[str, str], tuple[str, str, Array]] = {}
+    for p in run.predictions(run.main["name"]) if run.main else []:
+        body, when = p.get("body"), p["epoch_tdb"]
+        if body and planets.known(body):
+            said = when[:10] if body == "earth" else f"{_the(body)}, {when[:10]}"
+            at = planets.place(body, Epoch.parse(when).jd_tdb)
+            found.setdefault((body, when[:10]), (body, said, at))
+    return list(found.values())
+
+
+def _osculating(run: RunFolder, limit_au: float) -> Array | None:
+    """The orbit of the object at the reference epoch (361, 3), undefined beyond a distance; None without a state."""
+    reference = run.summary.get("reference")
+    if not reference:
+        return None
+    r, v = ecliptic_au(reference["position_km"]) * AU_KM, ecliptic_au(reference["velocity_km_s"]) * AU_KM
+    h = np.cross(r, v)
+    bend = np.cross(v, h) / GM_SUN_KM3_S2 - r / np.linalg.norm(r)
+    e = float(np.linalg.norm(bend))
+    if not float(h @ h) > 0.0:
+        return None
+    P = bend / e if e > 1e-9 else r / np.linalg.norm(r)
+    Q = np.cross(h / np.linalg.norm(h), P)
+    f = np.linspace(-np.pi, np.pi, 361)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        distance = float(h @ h) / GM_SUN_KM3_S2 / (1.0 + e * np.cos(f)) / AU_KM
+    distance = np.where((distance > 0.0) & (distance < limit_au), distance, np.nan)
+    return np.asarray(distance[:, None] * (np.outer(np.cos(f), P) + np.outer(np.sin(f), Q)))
+
+
+def _sight_lines(place: Array, seen: Array) -> list[Thing]:
+    """Lines from telescopes to the object, a few of them."""
+    few = np.unique(np.linspace(0, len(place) - 1, SIGHT_LINES).astype(int))
+    look: dict[str, Any] = {"stroke": GREY, "stroke_width": 0.6}
+    return [Track(name="line of sight", points=np.stack([place[k], seen[k]]), look=look) for k in few]
+
+
+def _telescopes(run: RunFolder, place: Array, earth: Array, index: Array) -> list[Thing]:
+    """Paths of the telescopes that can be told from the Earth, and where they measured last."""
+    things: list[Thing] = []
+    for i, name in enumerate(run.telescopes):
+        mine = index == i
+        if not np.any(mine) or is_near(place[mine], earth[mine]):
+            continue
+        colour, marker = SERIES[(i + 1) % len(SERIES)]
+        path = _unbroken(ecliptic_au(place[mine]))
+        things.append(Track(name="", points=path, look={"stroke": colour, "stroke_width": 1.6}))
+        last = path[np.isfinite(path[:, 0])][-1:]
+        things.append(Marks(name=name, points=last, marker=marker, look={"color": colour, "size": 6.0}))
+    return things
 
 
 def _unbroken(points: Array) -> Array:
-    """Points (n, 2) of a path, thinned, with a break (NaN) where a telescope did not measure for long."""
+    """Points (n, 3) of a path, thinned, with a break (NaN) where a telescope did not measure for long."""
     points = points[thin(len(points), 300)]
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
     gaps = np.flatnonzero(steps > 5.0 * np.median(steps)) if len(steps) else np.empty(0, dtype=int)
     return np.insert(points, gaps + 1, np.nan, axis=0)
 
 
-def _is_remote(place: Array, earth: Array, mine: Any) -> bool:
-    """True for a telescope that the plan view can show apart from the Earth."""
-    return bool(np.any(mine)) and float(np.max(np.linalg.norm(place[mine] - earth[mine], axis=1))) > NEAR_EARTH_KM
+def _exclusions(run: RunFolder, place: Array, index: Array) -> list[Thing]:
+    """What the first telescope that has such limits cannot see about the Sun, at its last measurement."""
+    for i, name in enumerate(run.telescopes):
+        limits, mine = limits_of(run, name), np.flatnonzero(index == i)
+        if len(mine) and (limits.get("sun") or limits.get("sun_largest")):
+            return sun_cones(limits, place[mine[-1]], -place[mine[-1]], name, len(run.telescopes) > 1)
+    return []
 
 
-def _draw_tracks(
-    panel: Panel, paths: Mapping[str, Array], place: Array, state: Array, telescopes: list[str]
-) -> list[tuple[str, str, dict[str, Any]]]:
-    """Sun, Earth's path, telescopes, lines of sight and the asteroid with its measured part heavier; what to name."""
-    for k in np.unique(np.linspace(0, len(place) - 1, SIGHT_LINES).astype(int)):
-        x, y = np.stack([plan(place[k]), plan(state[k, :3])], axis=1)
-        panel.line(x, y, stroke=GREY, stroke_width=0.5)
-    panel.open()
-    panel.dots([0.0], [0.0], "o", "Sun", color=ORANGE, size=11.0)
-    looks: list[tuple[str, str, dict[str, Any]]] = [("o", "Sun", {"color": ORANGE, "size": 11.0})]
-    for name, path in paths.items():
-        own = telescopes.index(name) if name in telescopes else None
-        colour = {"Earth": GREEN, "asteroid": BLUE}.get(name) or SERIES[(own or 0) % len(SERIES)][0]
-        dash = {} if name == "asteroid" else {"stroke_dasharray": "6 2" if name == "Earth" else "2 2"}
-        look: dict[str, Any] = {"stroke": colour, "stroke_width": 1.1 if name == "asteroid" else 1.6, **dash}
-        panel.line(path[:, 0], path[:, 1], name, **look)
-        if name != "asteroid":
-            end = path[np.isfinite(path[:, 0])][-1]
-            panel.dots([end[0]], [end[1]], "o", f"{name}, last measurement", color=colour, size=6.0)
-        looks.append(("line", name, look))
-    seen = plan(state[:, :3])
-    few = seen[thin(len(seen), 300)]
-    panel.dots(few[:, 0], few[:, 1], "o", "measured", color=BLUE, size=2.8)
-    panel.dots([seen[0, 0]], [seen[0, 1]], "O", "first measurement", color=BLUE)
-    panel.dots([seen[-1, 0]], [seen[-1, 1]], "o", "last measurement", color=BLUE, size=6.5)
-    panel.close()
-    return [*looks, ("O", "first", {"color": BLUE}), ("o", "last measurement", {"color": BLUE, "size": 6.5})]
+def limits_of(run: RunFolder, telescope: str) -> dict[str, float]:
+    """The limits of a telescope, degrees, by what they keep off; empty where the folder does not say."""
+    rows = run.summary.get("visibility") or []
+    found = next((row.get("limits_deg") for row in rows if row["telescope"] == telescope), None)
+    return dict(found or {})
 
 
-def _plan_caption(run: RunFolder, arc: Array, place: Array, earth: Array, state: Array, remote: list[int]) -> Markup:
+def sun_cones(limits: dict[str, float], apex: Array, axis: Array, name: str, several: bool) -> list[Thing]:
+    """Cones about the Sun, nearer than which and farther than which a telescope does not measure."""
+    whose = f" by {name}" if several else ""
+    cones: list[Thing] = []
+    if limits.get("sun"):
+        text = f"not seen{whose}: within {limits['sun']:g}° of the Sun"
+        cones.append(Cone(name=text, apex=apex, axis=axis, inner_rad=0.0, outer_rad=np.radians(limits["sun"]),
+                          color=ORANGE))  # fmt: skip
+    if limits.get("sun_largest"):
+        text = f"not seen{whose}: beyond {limits['sun_largest']:g}° from the Sun"
+        cones.append(Cone(name=text, apex=apex, axis=axis, inner_rad=np.radians(limits["sun_largest"]),
+                          outer_rad=np.pi, color=GREY))  # fmt: skip
+    return cones
+
+
+def _caption(run: RunFolder) -> Markup:
     """Dates and distances at both ends, and which telescopes are too near the Earth to be seen apart."""
-    t = run.array("epoch_s")
+    place, state, index = run.array("telescope_position_km"), run.array("state"), run.array("telescope_index")
+    earth, t = run.array("earth_position_km"), run.array("epoch_s")
+    if place is None or state is None or earth is None or index is None:
+        return Markup("")
     ends = [float(np.linalg.norm(state[k, :3] - place[k])) for k in (0, -1)]
     dates = [wording.date((run.epoch + float(t[k])).iso()) if t is not None else "" for k in (0, -1)]
-    text = Markup(
-        "Seen from ecliptic north. The asteroid is {} from the observing telescope at the first "
-        "measurement ({}) and {} at the last ({}); thin grey lines are lines of sight."
-    ).format(quantity(ends[0], "km"), dates[0], quantity(ends[1], "km"), dates[1])
-    near = [name for i, name in enumerate(run.telescopes) if i not in remote]
+    text = Markup("The asteroid is {} from the telescope at the first measurement ({}), {} at the last ({}).").format(
+        quantity(ends[0], "km"), dates[0], quantity(ends[1], "km"), dates[1]
+    )
+    near = [name for i, name in enumerate(run.telescopes)
+            if np.any(index == i) and is_near(place[index == i], earth[index == i])]  # fmt: skip
     if near:
-        far = float(np.max(np.linalg.norm(place - earth, axis=1))) if not remote else None
-        inside = Markup(", within {} of the Earth,").format(quantity(far, "km")) if far else ""
-        text += Markup(" {}{} cannot be told from the Earth at this scale.").format(wording.join(near), inside)
+        who = wording.join(near)
+        text += Markup(" {} {} on the Earth at the scale of orbits; the picture about the Earth shows {}.").format(
+            who, "lie" if len(near) > 1 else "lies", "them" if len(near) > 1 else "it"
+        )
     return text
 
 
-def viewing(run: RunFolder) -> Plate | None:
-    """Distance and Sun angle of the asteroid at each measurement, by telescope."""
-    place, state, index, t = (run.array(n) for n in ("telescope_position_km", "state", "telescope_index", "epoch_s"))
-    if place is None or state is None or index is None or t is None or np.ptp(t if len(t) else [0.0]) == 0.0:
-        return None
-    look = state[:, :3] - place
-    distance = np.linalg.norm(look, axis=1)
-    cosine = -np.sum(look * place, axis=1) / distance / np.linalg.norm(place, axis=1)
-    angle = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
-    chart = Chart("viewing", width=334.0, height=0.0)
-    dates = calendar(run.epoch, t, most=4.0)
-    upper = chart.panel(
-        dates.silenced(), linear([0.0, *(distance / AU_KM)], "distance, au"), top=8.0, bottom=138.0, left=58.0
-    )
-    lower = chart.panel(dates, linear(angle, "angle from the Sun, °"), top=152.0, bottom=278.0, left=58.0)
-    for panel, series in ((upper, distance / AU_KM), (lower, angle)):
-        panel.open()
-        for i, name in enumerate(run.telescopes):
-            mine = np.flatnonzero(index == i)
-            few, (colour, marker) = thin(len(mine), 400), SERIES[i % len(SERIES)]
-            # a second telescope at the same place stays visible inside the first one's marker
-            panel.dots(t[mine][few] / SECONDS_PER_DAY, series[mine][few], marker, name, color=colour,
-                       size=4.4 if i == 0 else 2.2)  # fmt: skip
-        panel.close()
-    used = [i for i in range(len(run.telescopes)) if np.any(index == i)]
-    chart.height = chart.legend(
-        [(SERIES[i % 6][1], run.telescopes[i], {"color": SERIES[i % 6][0], "size": 5.0}) for i in used], 322.0, 54.0
-    )
-    nearest, farthest = int(np.argmin(distance)), int(np.argmax(distance))
-    caption = Markup(
-        "Every measurement: the asteroid is between {} and {} from the telescope and between {} "
-        "and {} from the Sun in the sky."
-    ).format(
-        quantity(float(distance[nearest]), "km"),
-        quantity(float(distance[farthest]), "km"),
-        quantity(float(angle.min()), "deg"),
-        quantity(float(angle.max()), "deg"),
-    )
-    few = thin(len(t))
-    columns = {"days_after_reference": (t / SECONDS_PER_DAY)[few], "telescope": [run.telescopes[i] for i in index[few]],
-               "distance_km": distance[few], "sun_angle_deg": angle[few]}  # fmt: skip
-    label = "Distance and Sun angle of the asteroid at each measurement"
-    return chart.plate(label, caption, [csv("viewing", columns)])
+def _data(run: RunFolder) -> Any:
+    """Tracks of the object, the Earth and each telescope."""
+    arc, place = run.array("object_track_km"), run.array("telescope_position_km")
+    earth, index = run.array("earth_position_km"), run.array("telescope_index")
+    if arc is None or place is None or earth is None or index is None:
+        return csv("geometry", {})
+    tracks = {"asteroid": ecliptic_au(arc), "Earth": ecliptic_au(earth)[thin(len(earth), 300)]}
+    tracks |= {name: ecliptic_au(place[index == i]) for i, name in enumerate(run.telescopes)}
+    tracks = {name: path[thin(len(path), 300)] for name, path in tracks.items()}
+    points = np.vstack(list(tracks.values()))
+    names = [name for name, path in tracks.items() for _ in path]
+    return csv("geometry", {"track": names, "x_au": points[:, 0], "y_au": points[:, 1], "z_au": points[:, 2]})

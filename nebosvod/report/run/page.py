@@ -2,13 +2,10 @@
 
 from pathlib import Path
 
-from markupsafe import Markup
-
-from nebosvod.report.kit import wording
 from nebosvod.report.kit.base import render
-from nebosvod.report.kit.facts import leading, object_name, size
+from nebosvod.report.kit.facts import object_name
 from nebosvod.report.kit.plate import Plate
-from nebosvod.report.kit.wording import quantity
+from nebosvod.report.kit.stamp import stamp
 from nebosvod.report.run import (
     advice,
     curves,
@@ -22,7 +19,9 @@ from nebosvod.report.run import (
     physical,
     sources,
     tables,
+    timeline,
     trust,
+    viewing,
     visibility,
 )
 from nebosvod.report.run.verdict import Verdict, verdict, warnings
@@ -51,19 +50,20 @@ def make_report(folder: Path) -> str:
     return render(
         "report.html",
         kind="Accuracy report",
+        stamp=stamp(run.manifest),
         run=run,
         object_name=object_name(run),
         title=run.summary.get("title") or run.summary["mission"],
         words=_verdict(run, main),
         main=main,
-        tiles=_tiles(run, main),
         warnings=warnings(run),
         books=books,
         hatches=sources.patterns() if books else "",
         looks={e.source: sources.look(e.source, run.telescopes, e.behind) for book in books for e in book.entries},
         compared=compared,
         accuracies=accuracies,
-        plates=_plates(run, main, books, visibility.timeline(run, visibility.read_visibility(Path(folder)))),
+        pictures=_pictures(run, main, visibility.read_visibility(Path(folder))),
+        plates=_plates(run, main, books),
         tables=_tables(run, main),
         kappa=physical.kappa_sentence(run, main) if main else None,
         helps=[s for s in (advice.plan_sentence(run),) if s],
@@ -78,31 +78,21 @@ def _verdict(run: RunFolder, main: Item | None) -> Verdict:
         return verdict(run)
     told = [f(run, main) for f in (trust.consistency_sentence, trust.nonlinearity_sentence, trust.worst_sentence)]
     helps = [advice.remedy_sentence(run, main), advice.required_sentence(run, 10.0), advice.plan_sentence(run)]
-    return verdict(run, told, helps, sound=not trust.doubtful(run, main))
+    return verdict(run, told, helps, sound=not trust.doubtful(run, main), brief_advice=advice.brief_sentence(run, main))
 
 
-def _tiles(run: RunFolder, main: Item | None) -> list[tuple[str, Markup]]:
-    """The headline numbers: what it is, and the number."""
-    if main is None:
-        return []
-    tiles = []
-    for p in leading(run, main)[:2]:
-        tiles.append((f"{p['name']}: {wording.plane_name(p['plane'], p.get('body'))}, 1σ", size(p)))
-    tiles += [
-        ("orbit: position at the reference epoch, 1σ", quantity(main["sigma_position_km"], "km")),
-        ("orbit: velocity, 1σ", quantity(main["sigma_velocity_m_s"], "m_s")),
-    ]
-    return tiles
+def _pictures(run: RunFolder, main: Item | None, columns: visibility.Columns | None) -> list[Plate]:
+    """What a reader sees before reading: where everything was, what is aimed at, how it came."""
+    aimed = encounters.encounter_plates(run, main) if main else []
+    made = [geometry.geometry_plate(run), *aimed, timeline.timeline_plate(run, columns)]
+    return [plate for plate in made if plate is not None]
 
 
-def _plates(
-    run: RunFolder, main: Item | None, books: list[ledger.Ledger], seen: Plate | None
-) -> dict[str, list[Plate]]:
-    """All figures of the run by section of the page."""
+def _plates(run: RunFolder, main: Item | None, books: list[ledger.Ledger]) -> dict[str, list[Plate]]:
+    """All further figures of the run by section of the page."""
     of_main = main is not None
     made: dict[str, list[Plate | None]] = {
         "prediction": [*ellipses.prediction_plates(run, main)] if main else [],
-        "encounter": [*encounters.encounter_plates(run, main)] if main else [],
         "budget": [ledger.shares_plate(run, books), ledger.remedies_plate(run, books[0])] if books else [],
         "trust": [trust.comparison_plate(run, main)] if main else [],
         "required": [advice.required_plate(run)] if of_main else [],
@@ -110,8 +100,7 @@ def _plates(
         "curves": [*curves.curve_plates(run)] if of_main else [],
         "power": [diagnosis.power_plate(run)] if of_main else [],
         "history": [figures.sigma_over_time(run), *filters.filter_plates(run)],
-        "seen": [seen],
-        "geometry": [geometry.plan_view(run), geometry.viewing(run)],
+        "viewing": [viewing.viewing(run)],
         "residuals": [figures.residuals(run, main)] if main else [],
     }
     return {section: [p for p in plates if p is not None] for section, plates in made.items()}

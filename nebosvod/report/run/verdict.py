@@ -22,11 +22,11 @@ from nebosvod.report.kit.facts import (
     when,
 )
 from nebosvod.report.kit.wording import count, join, percent, product, quantity, series
+from nebosvod.report.run import brief
+from nebosvod.report.run.brief import AGREE, HELD_AT_3_SIGMA, chi2_interval
 from nebosvod.results.folder import Item, RunFolder
 from nebosvod.results.outlook import unit_of
 
-HELD_AT_3_SIGMA = {1: "99.7", 2: "98.9", 3: "97.1"}  # per cent of the probability in 1, 2 and 3 dimensions
-AGREE = 0.01  # sigmas that differ by less than this are called equal
 BASIS = {
     True: ", from these measurements and an earlier orbit, the mission's prior",
     False: ", from these measurements alone; no earlier orbit was used",
@@ -55,14 +55,16 @@ class Verdict:
 
 
 def verdict(
-    run: RunFolder, trust: Sequence[Markup | None] = (), advice: Sequence[Markup | None] = (), sound: bool = True
-) -> Verdict:
-    """Say what the run found.
+    run: RunFolder, trust: Sequence[Markup | None] = (), advice: Sequence[Markup | None] = (), sound: bool = True,
+    brief_advice: Markup | None = None,
+) -> Verdict:  # fmt: skip
+    """Say what the run found; the first sentence under each question is the answer, the others are its reasons.
 
     Parameters
     ----------
     trust, advice : further sentences on whether it may be believed and on what would help; None is left out.
     sound : False when one of `trust` is a warning.
+    brief_advice : what would help, in a line or two.
     """
     main = run.main
     if main is None:
@@ -72,19 +74,21 @@ def verdict(
     fit, fits = _fit(main)
     others = [_trust(e)[0] for e in run.estimators if _misleads(e) and not _alike(e, main)]
     every = all(e["status"] == "converged" for e in run.estimators)
+    good = honest and off is None and fits and every and sound and not run.unanswered
+    why = [own, off, *trust, *others, fit, *_failures(run), _agreement(run, main)]
     asked: list[tuple[str, list[Markup | None]]] = [
         ("Impact", [escape(text) for text in run.impacts]),
         ("What has no answer", [escape(text) for text in run.unanswered]),
-        ("How accurate", [*_predictions(run, main), _orbit(run, main)]),
-        ("Because of what", [*_blame(run, main)]),
-        ("Can it be believed", [own, off, *trust, *others, fit, *_failures(run), _agreement(run, main)]),
-        ("What would help", [*advice]),
+        ("How accurate", [brief.accuracy(run, main), *_predictions(run, main), _orbit(run, main)]),
+        ("Because of what", [brief.contributions(run, main), *_blame(run, main)]),
+        ("Can it be believed", [brief.belief(run, main, good), *why]),
+        ("What would help", [brief_advice, *advice]),
     ]
     answers = [(title, tuple(s for s in told if s)) for title, told in asked]
     return Verdict(
         headline=_headline(run, main),
         answers=tuple((title, told) for title, told in answers if told),
-        tone="good" if honest and off is None and fits and every and sound and not run.unanswered else "caution",
+        tone="good" if good else "caution",
     )
 
 
@@ -276,13 +280,6 @@ def _fit(main: Item) -> tuple[Markup | None, bool]:
         "χ² per degree of freedom is {}, {} its 99{}% interval of {} to {} ({} degrees of freedom).{}"
     ).format(quantity(chi2 / dof), where, wording.NBSP, wording.number(low), wording.number(high), dof, odd)
     return text, inside
-
-
-def chi2_interval(dof: int) -> tuple[float, float]:
-    """Two-sided 99 % interval of chi2/dof."""
-    from scipy.special import chdtri  # 0.2 s, and free after a run
-
-    return float(chdtri(dof, 0.995)) / dof, float(chdtri(dof, 0.005)) / dof
 
 
 def _agreement(run: RunFolder, main: Item) -> Markup | None:

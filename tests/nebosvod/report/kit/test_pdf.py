@@ -40,7 +40,7 @@ def test_page_is_printed_on_several_a4_sheets_with_text_that_stays_text(page: Pa
 @pytest.mark.skipif(pdf.browser() is None or not shutil.which("pdftoppm"), reason="needs Chromium and poppler-utils")
 def test_marks_of_every_shape_are_seen_by_another_reader_of_pdf(tmp_path: Path) -> None:
     """Poppler draws what Chromium printed: 12 marks of each shape are 12 spots. Square dots had been missing there."""
-    chart = Chart("marks")
+    chart = Chart("marks", height=40.0 + 25.0 * len(MARKERS))
     for row, marker in enumerate(MARKERS):
         chart.markers(np.arange(12) * 30.0 + 20.0, np.full(12, 20.0 + 25.0 * row), marker, {"color": "#d00000"})
     page, sheet = tmp_path / "marks.html", chart.plate("marks", Markup(""))

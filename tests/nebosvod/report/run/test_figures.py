@@ -9,7 +9,7 @@ import pytest
 
 from nebosvod.report.kit import scale, wording
 from nebosvod.report.kit.outline import outline
-from nebosvod.report.run import ellipses, encounters, figures, geometry, page
+from nebosvod.report.run import ellipses, encounters, figures, geometry, page, viewing
 from nebosvod.results.folder import RunFolder, read_folder
 from nebosvod.timescale import Epoch
 
@@ -60,7 +60,7 @@ def test_a_target_plane_shows_every_drawn_orbit_by_its_fate_and_a_far_body_not_a
     fates = np.repeat([1.0, 0.0, np.nan], [7, 30, 3])
     moved[-1] = np.nan
     known = replace(run, arrays={**run.arrays, "clones_encounter_km": moved, "hits_encounter": fates})
-    (whole,) = encounters.plane_plates(known, prediction)  # a small ellipse has its own figure
+    (whole,) = encounters.plane_plates(known, prediction)
     assert whole.data[0].text.count(",hit\n") == 7
     assert whole.data[0].text.count(",miss\n") == 30
     assert whole.data[0].text.count(",unknown\n") == 2
@@ -68,25 +68,27 @@ def test_a_target_plane_shows_every_drawn_orbit_by_its_fate_and_a_far_body_not_a
     assert encounters.plane_plates(run, {**prediction, "capture_radius_km": None}) == []
 
 
-def test_plan_view_looks_down_the_pole_of_the_ecliptic() -> None:
+def test_geometry_looks_down_the_pole_of_the_ecliptic() -> None:
     tilt = np.radians(84381.448 / 3600)
     pole = np.array([0.0, -np.sin(tilt), np.cos(tilt)])
     ahead = np.array([0.0, np.cos(tilt), np.sin(tilt)])
-    assert geometry.plan(geometry.AU_KM * pole) == pytest.approx([0.0, 0.0], abs=1e-15)
-    assert geometry.plan(geometry.AU_KM * ahead) == pytest.approx([0.0, 1.0], abs=1e-15)
+    assert geometry.ecliptic_au(1.495978707e8 * pole) == pytest.approx([0.0, 0.0, 1.0], abs=1e-15)
+    assert geometry.ecliptic_au(1.495978707e8 * ahead) == pytest.approx([0.0, 1.0, 0.0], abs=1e-15)
 
 
-def test_telescopes_are_drawn_apart_from_the_earth_only_where_they_are(run: RunFolder) -> None:
-    near = geometry.plan_view(run)
-    far = geometry.plan_view(
+def test_telescopes_are_drawn_about_the_earth_where_they_cannot_be_told_from_it(run: RunFolder) -> None:
+    near = geometry.geometry_plate(run)
+    far = geometry.geometry_plate(
         replace(run, arrays={**run.arrays, "telescope_position_km": 0.9 * run.arrays["telescope_position_km"]})
     )
     assert near is not None
     assert far is not None
-    assert "NEB-1 and NEB-2" in near.caption
-    assert ">NEB-1<" not in near.svg
+    assert "NEB-1 and NEB-2 lie on the Earth" in near.caption
+    assert "about the Earth" in near.svg
+    assert ">NEB-1<" in near.svg
     assert ">NEB-1<" in far.svg
-    assert "cannot be told" not in far.caption
+    assert "about the Earth" not in far.svg
+    assert "lie on the Earth" not in far.caption
 
 
 def test_path_of_a_telescope_is_not_drawn_across_a_gap() -> None:
@@ -145,7 +147,7 @@ def test_many_measurements_do_not_make_a_heavy_page(run: RunFolder) -> None:
     }
     grown["epoch_s"] = np.repeat(run.arrays["epoch_s"], n) + np.tile(np.arange(n), len(run.arrays["epoch_s"]))
     big = replace(run, arrays={**run.arrays, **grown})
-    drawn = [figures.residuals(big, run.estimators[0]), geometry.viewing(big)]
+    drawn = [figures.residuals(big, run.estimators[0]), viewing.viewing(big)]
     assert all(p is not None and len(p.svg) < 600_000 for p in drawn)
 
 
