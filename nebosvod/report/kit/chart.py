@@ -5,26 +5,30 @@ panel says how its pixels map to values (`data-x`, `data-y`), a mark its name (`
 to tell the value under the pointer. Units are pixels of the figure's viewBox, from the top left.
 
 Panels are not matplotlib's Axes: with one mapping from values to pixels (`Scale`) the script cannot disagree with the
-drawing, and a report takes a third of the time. Texts are set by the page, in its own font.
+drawing, and a report takes a third of the time. Texts are set by the page, in its own font. `Chart.drawing` gives the
+same as a figure of matplotlib.
 """
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from markupsafe import Markup, escape
 from matplotlib.artist import Artist
+from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import PathPatch, Polygon
+from matplotlib.patches import Patch, PathPatch, Polygon, Rectangle
 from matplotlib.path import Path
-from matplotlib.transforms import Affine2D
+from matplotlib.text import Text
+from matplotlib.transforms import Affine2D, Transform
 
 from nebosvod.report.kit.download import Download
 from nebosvod.report.kit.drawing import pieces
+from nebosvod.report.kit.hatch import plain
 from nebosvod.report.kit.plate import GREY, INK, Plate
 from nebosvod.report.kit.scale import Scale
 
@@ -34,6 +38,9 @@ WIDE = 760.0  # of a figure over the whole page, which is drawn anew for a phone
 NARROW = 358.0  # of a figure that may stand beside another; its texts read at 10 px or more on a phone of 390
 SHEET = 1200.0  # height on which is drawn: the legend, which comes last, tells how much of it the figure takes
 GRID = "#e4e4e4"
+Box = tuple[float, float, float, float]  # left, top, width, height, px
+Make = Callable[[Transform], Artist]  # an artist for where pixels are
+TEXT_PT = 9.0  # where matplotlib sets the text itself, in a wider face
 CHARACTER = 6.1  # mean width of a character of axis text, px
 PIXELS = Affine2D([[1.0, 0.0, 0.0], [0.0, -1.0, SHEET], [0.0, 0.0, 1.0]])  # matplotlib counts from the lower left
 MARKERS: Mapping[str, tuple[str, float]] = {  # shape, and its size in px for marks of size 3
@@ -53,8 +60,8 @@ class Chart:
 
     def __init__(self, key: str, width: float = WIDTH, height: float = 260.0) -> None:
         self.key, self.width, self.height = key, width, height
-        self.figure = Figure(figsize=(width / 72.0, SHEET / 72.0), dpi=72.0)
-        self.parts: list[str | _Piece] = []
+        self.parts: list[str | _Words | _Piece] = []
+        self.view: Box | None = None  # beyond which nothing is drawn
 
     def raw(self, text: str) -> None:
         """Add markup between the pieces, such as the beginning and end of a group."""
@@ -62,49 +69,49 @@ class Chart:
 
     def text(self, x: float, y: float, text: str, anchor: str = "start", turned: bool = False, **more: Any) -> None:
         """Add text with its base line at y; `anchor` is start, middle or end of it."""
-        place: dict[str, Any] = {"x": f"{x:.1f}", "y": f"{y:.1f}"}
-        if turned:
-            place["transform"] = f"rotate(-90 {x:.1f} {y:.1f})"
-        if anchor != "start":
-            place["text-anchor"] = anchor
-        self.raw(f"{opened('text', {**place, **more})}{escape(text)}</text>")
+        self.parts.append(_Words(x, y, text, anchor, turned, more))
 
     def stroke(self, x: Any, y: Any, look: Mapping[str, Any], **more: Any) -> None:
         """Add a line or markers at pixels."""
-        self._draw(Line2D(x, y, transform=PIXELS, **look), **more)
+        self._draw(lambda pixels: Line2D(x, y, transform=pixels, **look), "", None, **more)
 
     def markers(self, x: Array, y: Array, marker: str, look: Mapping[str, Any], **more: Any) -> None:
         """Add markers at pixels; see `CAPS`."""
-        if marker in CAPS and not look.get("hollow"):
-            gap = np.full(len(x), np.nan)
-            x, y = np.stack([x, x + DASH, gap], axis=1).ravel(), np.stack([y, y, gap], axis=1).ravel()
-        self.stroke(x, y, marker_look(marker, **look), **more)
+        if marker not in CAPS or look.get("hollow"):
+            self.stroke(x, y, marker_look(marker, **look), **more)
+            return
+        gap = np.full(len(x), np.nan)
+        along, across = np.stack([x, x + DASH, gap], axis=1).ravel(), np.stack([y, y, gap], axis=1).ravel()
+        short = marker_look(marker, **look)
+        spots = {"linestyle": "none", "marker": marker, "markersize": short["linewidth"], "markeredgewidth": 0.0,
+                 "color": short["color"], "alpha": short["alpha"]}  # fmt: skip
+        self._draw(
+            lambda pixels: Line2D(along, across, transform=pixels, **short), "",
+            lambda pixels: Line2D(x, y, transform=pixels, **spots), **more,
+        )  # fmt: skip
 
     def area(self, x: Any, y: Any, *, tip: str = "", **look: Any) -> None:
         """Add a filled outline at pixels; `fill` may be a pattern of the page, `fill_opacity` its opacity."""
         fill, opacity = str(look.pop("fill", INK)), look.pop("fill_opacity", look.pop("fill-opacity", None))
-        plain = INK if fill.startswith("url") else fill
-        patch = Polygon(np.stack([x, y], axis=1), transform=PIXELS, facecolor=plain, **area_look(**look))
+        color, corners, edge = plain(fill)[0], np.stack([x, y], axis=1), area_look(**look)
         more = {"fill": fill} if fill.startswith("url") else {}
-        self._draw(patch, tip, **more, **({} if opacity is None else {"fill-opacity": opacity}))
+        more |= {} if opacity is None else {"fill-opacity": opacity}
+        self._draw(lambda pixels: Polygon(corners, transform=pixels, facecolor=color, **edge), tip, None, **more)
 
     def region(self, outlines: Sequence[Array], *, fill: str, fill_opacity: float, **look: Any) -> None:
         """Add an area of several outlines (n, 2) at pixels; one that goes the other way round is a hole."""
         whole = Path.make_compound_path(*(Path(np.vstack([one, one[:1]]), closed=True) for one in outlines))
-        patch = PathPatch(whole, transform=PIXELS, facecolor=fill, **area_look(**look))
-        self._draw(patch, "", **{"fill-opacity": fill_opacity})
+        edge = area_look(**look)
+        opacity = {"fill-opacity": fill_opacity}
+        self._draw(lambda pixels: PathPatch(whole, transform=pixels, facecolor=fill, **edge), "", None, **opacity)
 
     def box(self, x: float, y: float, width: float, height: float, *, tip: str = "", **look: Any) -> None:
         """Add a rectangle with its upper left corner at (x, y)."""
         self.area([x, x + width, x + width, x], [y, y, y + height, y + height], tip=tip, **look)
 
-    def _draw(self, artist: Artist, tip: str = "", **attributes: Any) -> None:
-        """Add an artist; `attributes` are set on its elements, `tip` is what a pointer is told there."""
-        name = f"nb-{len(self.parts)}"
-        artist.set_gid(name)
-        artist.set_clip_on(False)
-        self.figure.add_artist(artist)
-        self.parts.append(_Piece(name, tip, attributes))
+    def _draw(self, make: Make, tip: str = "", spots: Make | None = None, **attributes: Any) -> None:
+        """Add an artist, made for where pixels are; `attributes` are set on its elements, `tip` is told there."""
+        self.parts.append(_Piece(f"nb-{len(self.parts)}", make, tip, attributes, self.view, spots))
 
     def panel(self, x: Scale, y: Scale, *, top: float, bottom: float, left: float | None = None,
               right: float | None = None, title: str = "", name_at: float = 11.0) -> "Panel":  # fmt: skip
@@ -140,9 +147,24 @@ class Chart:
         """Close the figure: what it shows, what it says, and its numbers."""
         return Plate(key=self.key, svg=self.svg(label), label=label, caption=caption, data=tuple(data))
 
+    def drawing(self) -> Figure:
+        """The figure as one of matplotlib, which belongs to the caller: to be shown, changed, saved in any format."""
+        made = Figure(figsize=(self.width / 72.0, self.height / 72.0))
+        down = Affine2D([[1.0 / 72.0, 0.0, 0.0], [0.0, -1.0 / 72.0, self.height / 72.0], [0.0, 0.0, 1.0]])
+        pixels = down + made.dpi_scale_trans
+        for order, part in enumerate(one for one in self.parts if not isinstance(one, str)):
+            artist = part.cut(pixels) if isinstance(part, _Piece) else part.artist(pixels)
+            artist.set_zorder(order)  # as added; matplotlib would draw areas, lines and texts in this order
+            made.add_artist(artist)
+        return made
+
     def svg(self, label: str) -> Markup:
         """The figure as it stands in a page; `label` says what it shows."""
-        drawn = pieces(self.figure, f"{self.key}-")
+        sheet = Figure(figsize=(self.width / 72.0, SHEET / 72.0), dpi=72.0)
+        for part in self.parts:
+            if isinstance(part, _Piece):
+                sheet.add_artist(part.artist(PIXELS))
+        drawn = pieces(sheet, f"{self.key}-")
         body = [part if isinstance(part, str) else part.text(drawn) for part in self.parts]
         head = (
             f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {self.width:g} {self.height:g}" role="img" '
@@ -151,11 +173,65 @@ class Chart:
         return Markup(head + "\n" + "\n".join(one for one in body if one) + "\n</svg>")
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Words:
+    """Text of a figure; `more` are attributes of its element."""
+
+    x: float
+    y: float
+    words: str
+    anchor: str
+    turned: bool
+    more: Mapping[str, Any]
+
+    def text(self, _: Mapping[str, list[str]]) -> str:
+        """The element."""
+        place: dict[str, Any] = {"x": f"{self.x:.1f}", "y": f"{self.y:.1f}"}
+        if self.turned:
+            place["transform"] = f"rotate(-90 {self.x:.1f} {self.y:.1f})"
+        if self.anchor != "start":
+            place["text-anchor"] = self.anchor
+        return f"{opened('text', {**place, **self.more})}{escape(self.words)}</text>"
+
+    def artist(self, pixels: Transform) -> Artist:
+        """The same for matplotlib."""
+        side = {"start": "left", "middle": "center", "end": "right"}[self.anchor]
+        return Text(self.x, self.y, self.words, fontsize=TEXT_PT, color=INK, ha=side, va="baseline",
+                    rotation=90.0 if self.turned else 0.0, rotation_mode="anchor", transform=pixels)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class _Piece:
     """The place of an artist among the parts of a figure, and what is added to it for the page."""
 
-    def __init__(self, name: str, tip: str, attributes: Mapping[str, Any]) -> None:
-        self.name, self.tip, self.attributes = name, tip, attributes
+    name: str
+    make: Make
+    tip: str
+    attributes: Mapping[str, Any]
+    view: Box | None
+    spots: Make | None = None  # what matplotlib draws instead, where that is another thing
+
+    def artist(self, pixels: Transform) -> Artist:
+        """The artist, whole: a page cuts it where its group is cut."""
+        made = self.make(pixels)
+        made.set_gid(self.name)
+        made.set_clip_on(False)
+        return made
+
+    def cut(self, pixels: Transform) -> Artist:
+        """The artist as a figure of matplotlib holds it: cut, with patterns and opacity of its own."""
+        made = (self.spots or self.make)(pixels)
+        if self.view is not None:
+            left, top, wide, tall = self.view
+            made.set_clip_path(Rectangle((left, top), wide, tall, transform=pixels))
+        opacity, fill = self.attributes.get("fill-opacity"), self.attributes.get("fill")
+        if isinstance(made, Patch):
+            red, green, blue, _ = to_rgba(plain(fill)[0] if fill else made.get_facecolor())
+            made.set_facecolor((red, green, blue, 1.0 if opacity is None else float(opacity)))
+            if fill and plain(fill)[1]:
+                made.set_hatch(plain(fill)[1])
+                made.set_edgecolor("#ffffff")
+        return made
 
     def text(self, drawn: Mapping[str, list[str]]) -> str:
         """The elements of the artist, in a group where they are marks or tell something."""
@@ -207,12 +283,14 @@ class Panel:
 
     def clip(self) -> None:
         """Begin a view that cuts what is drawn at the edges of the panel; `unclip` ends it."""
+        self.chart.view = (self.left, self.top, self.right - self.left, self.bottom - self.top)
         box = f"{self.left:g} {self.top:g} {self.right - self.left:g} {self.bottom - self.top:g}"
         x, y, width, height = box.split(" ")
         self.chart.raw(f'<svg x="{x}" y="{y}" width="{width}" height="{height}" viewBox="{box}">')
 
     def unclip(self) -> None:
         """End the view."""
+        self.chart.view = None
         self.chart.raw("</svg>")
 
     def line(self, x: Any, y: Any, name: str = "", **look: Any) -> None:

@@ -23,6 +23,7 @@ Array = npt.NDArray[np.float64]
 Box = tuple[float, float, float, float]  # low and high of x, low and high of y, km
 LEFT, RIGHT, TALLEST = 62.0, 13.0, 380.0  # px
 FAR = 6.0  # an ellipse (3 sigma) so many times larger or smaller than the disc needs a second figure
+FEWEST_PX = 2.0  # a capture circle smaller than this is a dot
 DISC, RING = "#cfd8e3", "#4a5a6a"
 LEVELS = (1.0, 3.0)
 # fate of a drawn orbit -> marker, colour, words; each has a shape of its own
@@ -207,6 +208,10 @@ def _body(panel: Panel, view: TargetView, factor: float, box: Box) -> list[Entry
     near = np.array([min(max(0.0, box[0]), box[1]), min(max(0.0, box[2]), box[3])])
     if np.hypot(*near) > view.capture_km:
         return []
+    per_km = abs(float(np.diff(panel.at([0.0, factor], [0.0, 0.0])[0])[0]))
+    if view.capture_km * per_km < FEWEST_PX:
+        panel.dots([0.0], [0.0], "o", view.body, color=RING, size=5.0)
+        return [("o", f"{_the(view.body)} (a dot at this scale)", {"color": RING, "size": 5.0})]
     disc: dict[str, Any] = {"fill": DISC, "stroke": RING, "stroke_width": 0.8}
     ring: dict[str, Any] = {"stroke": RING, "stroke_width": 1.2, "stroke_dasharray": "4 3"}
     panel.outline(*(factor * view.radius_km * circle), **disc)
@@ -250,7 +255,9 @@ def _ellipses(panel: Panel, view: TargetView, factor: float, box: Box) -> list[E
         return entries
     true: dict[str, Any] = {"stroke": INK, "stroke_width": 1.4}
     for level in LEVELS:
-        panel.line(*(factor * (view.centre + outline(view.covariance, level)).T), **true)
+        rim = factor * (view.centre + outline(view.covariance, level))
+        panel.line(*rim.T, **true)
+        _level(panel, rim, f"{level:g}σ")
     entries.append(("line", "1 and 3σ, linear", true))
     if view.formal is not None:
         dashed: dict[str, Any] = {"stroke": VERMILION, "stroke_width": 1.1, "stroke_dasharray": "3 5"}
@@ -258,6 +265,14 @@ def _ellipses(panel: Panel, view: TargetView, factor: float, box: Box) -> list[E
             panel.line(*(factor * (view.centre + outline(view.formal, level)).T), **dashed)
         entries.append(("line", "formal", dashed))
     return entries
+
+
+def _level(panel: Panel, rim: Array, text: str) -> None:
+    """The level beside the top of an ellipse that is large enough in the picture to have one."""
+    px, py = panel.at(*rim.T)
+    top = int(np.argmin(py))
+    if min(float(np.ptp(px)), float(np.ptp(py))) > 24.0 and panel.top < py[top] and panel.left < px[top] < panel.right:
+        panel.chart.text(float(px[top]), float(py[top]) + 11.0, text, "middle", class_="halo")
 
 
 def _nominal(panel: Panel, view: TargetView, factor: float, box: Box) -> list[Entry]:

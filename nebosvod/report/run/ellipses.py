@@ -103,6 +103,7 @@ def _draw(panel: Panel, K: Array, formal: Array | None, points: Array | None) ->
         f'<svg class="view" x="{box[0]:g}" y="{box[1]:g}" width="{box[2]:g}" height="{box[3]:g}" '
         f'viewBox="{box[0]:g} {box[1]:g} {box[2]:g} {box[3]:g}" preserveAspectRatio="none">'
     )
+    panel.chart.view = box
     for level, _ in reversed(LEVELS):
         panel.outline(*outline(K, level).T, fill=BLUE, fill_opacity=0.1, stroke=BLUE, stroke_width=2.0)
     if points is not None:
@@ -110,6 +111,7 @@ def _draw(panel: Panel, K: Array, formal: Array | None, points: Array | None) ->
     for level, _ in LEVELS if formal is not None else ():
         panel.line(*outline(np.asarray(formal), level).T, stroke=VERMILION, stroke_width=1.1, stroke_dasharray="3 5")
     panel.dots([0.0], [0.0], "P", color=INK)
+    panel.chart.view = None
     panel.chart.raw("</svg>")
     for level, _ in LEVELS:
         line = outline(K, level)

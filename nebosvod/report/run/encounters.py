@@ -14,12 +14,11 @@ from nebosvod.report.kit.ground import reached
 from nebosvod.report.kit.outline import outline
 from nebosvod.report.kit.plate import Plate, thin
 from nebosvod.report.kit.target import TargetView, target_plates
-from nebosvod.report.kit.wording import axis_names, count, percent, plane_name, product, quantity
+from nebosvod.report.kit.wording import NBSP, axis_names, count, percent, plane_name, product, quantity
 from nebosvod.report.kit.worldmap import Corridor, maps
 from nebosvod.report.run.ellipses import drawn_orbits
 from nebosvod.results.folder import Array, Item, RunFolder
 
-FEWEST_PX = 3.0  # a disc smaller than this in the picture says nothing
 LONGEST_KM = 6000.0  # a linear ellipse on the ground longer than this (3 sigma) is no ellipse any more
 FATE = {1.0: "hit", 0.0: "miss"}
 
@@ -32,27 +31,40 @@ def encounter_plates(run: RunFolder, estimator: Item) -> list[Plate]:
 
 
 def plane_plates(run: RunFolder, p: Item) -> list[Plate]:
-    """The target plane of one prediction; nothing where the body would be a dot in it."""
-    K = _matrix(p, "covariance", "factor")
-    if K is None or not p.get("capture_radius_km") or p.get("body") not in SURFACE_KM:
+    """The target plane of one prediction."""
+    view = target_view(run, p)
+    if view is None:
         return []
+    sizes = quantity(view.radius_km, "km", 4), quantity(view.capture_km, "km", 4)
+    words = "One scale for both axes: the disc (radius {}) and the capture circle ({}), inside which orbits hit."
+    caption = Markup(words).format(*sizes) + _held(p) + impact_clause(p)
+    key = "target-" + array_name(p["name"]).replace("_", "-")
+    label = f"{p['name']}: {plane_name(p['plane'], p['body'])} with the body to scale"
+    return target_plates(key, view, label, caption)
+
+
+def _held(p: Item) -> Markup:
+    """The semi-axes, and what the ellipse holds."""
+    return Markup(" Semi-axes {} (1σ, 39.3{}% inside); the outer ellipse is 3σ (98.9{}%).").format(
+        product(p["semi_axes_km"], "km"), NBSP, NBSP
+    )
+
+
+def target_view(run: RunFolder, p: Item) -> TargetView | None:
+    """What is shown of the target plane of a prediction; None where it has none."""
+    K = _matrix(p, "covariance", "factor")
+    if p["plane"] not in ("b_plane", "mtp") or K is None or not p.get("capture_radius_km"):
+        return None
+    if p.get("body") not in SURFACE_KM:
+        return None
     centre, drawn = np.asarray(p["mean_km"], dtype=np.float64), drawn_orbits(run, p)
     points = np.empty((0, 2)) if drawn is None else centre + drawn
     first, second = axis_names(p["plane"], 2)
-    view = TargetView(
+    return TargetView(
         body=p["body"], radius_km=SURFACE_KM[p["body"]], capture_km=p["capture_radius_km"], centre=centre, covariance=K,
         formal=_matrix(p, "covariance_formal", "factor_formal"), points=points, fates=_fates(run, p, len(points)),
         names=(first, second),
     )  # fmt: skip
-    reach = float(np.abs(centre).max() + 3.0 * np.sqrt(np.diag(K)).max())
-    if 300.0 * view.capture_km < FEWEST_PX * reach:
-        return []
-    name = plane_name(p["plane"], p["body"])
-    sizes = quantity(view.radius_km, "km", 4), quantity(view.capture_km, "km", 4)
-    words = "One scale for both axes: the disc (radius {}) and the capture circle ({}), inside which orbits hit."
-    caption = Markup(words).format(*sizes) + impact_clause(p)
-    key = "target-" + array_name(p["name"]).replace("_", "-")
-    return target_plates(key, view, f"{p['name']}: {name} with the body to scale", caption)
 
 
 def entry_plates(run: RunFolder, p: Item) -> list[Plate]:

@@ -111,6 +111,20 @@ def _made(key: str, title: str, unit: str, total: float, entries: list[Entry]) -
 
 def shares_plate(run: RunFolder, found: Sequence[Ledger]) -> Plate | None:
     """A bar for each quantity, divided by source."""
+    chart = shares_chart(run, found)
+    if chart is None:
+        return None
+    columns: dict[str, Sequence[Any]] = {
+        "quantity": [g.title for g in found for _ in g.entries],
+        "source": [e.source for g in found for e in g.entries],
+        "share_of_variance": [e.share for g in found for e in g.entries],
+    }
+    return chart.plate("Share of each source in the variance of each quantity", _shares_caption(run, found),
+                       [csv("budget-shares", columns)])  # fmt: skip
+
+
+def shares_chart(run: RunFolder, found: Sequence[Ledger]) -> Chart | None:
+    """Draw a bar for each quantity, divided by source."""
     if not found:
         return None
     names = [e.source for ledger in found for e in ledger.entries if e.share >= SMALL]
@@ -142,13 +156,7 @@ def shares_plate(run: RunFolder, found: Sequence[Ledger]) -> Plate | None:
     panel.close()
     entries = [("box", source, look(source, run.telescopes, behind[source])) for source in sources]
     chart.height = chart.legend(entries, high + 52.0)
-    columns: dict[str, Sequence[Any]] = {
-        "quantity": [g.title for g in found for _ in g.entries],
-        "source": [e.source for g in found for e in g.entries],
-        "share_of_variance": [e.share for g in found for e in g.entries],
-    }
-    return chart.plate("Share of each source in the variance of each quantity", _shares_caption(run, found),
-                       [csv("budget-shares", columns)])  # fmt: skip
+    return chart
 
 
 def _ordered(names: Iterable[str], behind: Mapping[str, tuple[str, ...]], found: Sequence[Ledger]) -> list[str]:

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from nebosvod.report.kit import hatch
 from nebosvod.report.kit.base import render
 from nebosvod.report.kit.facts import object_name
 from nebosvod.report.kit.plate import Plate
@@ -58,7 +59,7 @@ def make_report(folder: Path) -> str:
         main=main,
         warnings=warnings(run),
         books=books,
-        hatches=sources.patterns() if books else "",
+        hatches=hatch.patterns() if books else "",
         looks={e.source: sources.look(e.source, run.telescopes, e.behind) for book in books for e in book.entries},
         compared=compared,
         accuracies=accuracies,

@@ -10,7 +10,8 @@ from markupsafe import Markup
 from nebosvod.report.kit import scale
 from nebosvod.report.kit.chart import Chart
 from nebosvod.report.kit.download import csv
-from nebosvod.report.run.sources import COLOUR, HATCH, kind_of, look, patterns
+from nebosvod.report.kit.hatch import COLOUR, HATCH, patterns
+from nebosvod.report.run.sources import kind_of, look
 
 
 def back(text: str, pixel: float) -> float:

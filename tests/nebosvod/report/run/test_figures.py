@@ -64,7 +64,8 @@ def test_a_target_plane_shows_every_drawn_orbit_by_its_fate_and_a_far_body_not_a
     assert whole.data[0].text.count(",hit\n") == 7
     assert whole.data[0].text.count(",miss\n") == 30
     assert whole.data[0].text.count(",unknown\n") == 2
-    assert encounters.plane_plates(run, {**prediction, "mean_km": [3e6, 4e6]}) == []
+    (far,) = encounters.plane_plates(run, {**prediction, "mean_km": [3e6, 4e6]})
+    assert "the Earth (a dot at this scale)" in far.svg
     assert encounters.plane_plates(run, {**prediction, "capture_radius_km": None}) == []
 
 

