@@ -6,6 +6,7 @@ covariances alone, so it is built once; columns of partials and residuals then r
 and backwards for L^-T.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -70,6 +71,19 @@ def merge(nuisances: list[Markov]) -> list[Chain]:
         groups = [group for group in groups if group not in joined]
         groups.append([other for group in joined for other in group] + [nuisance])
     return [_joined(group) for group in groups]
+
+
+def joined_with(nuisance: Markov, others: Sequence[Markov]) -> Chain:
+    """The chain of a nuisance and of all that share a measurement with it, one through the other; its own q come first.
+
+    Where nothing does, it is alone.
+    """
+    group, rows, left = [nuisance], nuisance.rows, list(others)
+    while found := [other for other in left if np.intersect1d(rows, other.rows, True).size]:
+        group += found
+        left = [other for other in left if other not in found]
+        rows = np.unique(np.concatenate([rows, *(other.rows for other in found)]))
+    return _joined(group)
 
 
 def _joined(group: list[Markov]) -> Chain:

@@ -14,7 +14,7 @@ from nebosvod.engine.fitting import Fit
 from nebosvod.engine.quantity import Quantity
 from nebosvod.errors import CoverageError, EventError, InputError
 from nebosvod.estimation import LinearProblem, Markov, White
-from nebosvod.estimation.accuracy.refined import refine
+from nebosvod.estimation.accuracy.refined import refine, response
 from nebosvod.estimation.problem.sources import measurement_gain
 from nebosvod.estimation.problem.square_root import cholesky_rows, solve_rows, solve_rows_transposed
 from nebosvod.estimation.problem.whitening import add_white
@@ -80,13 +80,15 @@ class Inside:
 
 
 def inside(scene: Scene, fit: Fit, predicted: Sequence[Quantity], wanted: tuple[str, ...]) -> Inside:
-    """Show what a mission asks for, of "information", "gains", "nuisances", "smallness", "bounds" and "imitation"."""
+    """Show what a mission asks for, by the words of `nebosvod.mission.request.Shown`."""
     arrays: dict[str, Array] = {}
     told = information(fit.problem) if "information" in wanted else None
     if told is not None:
         arrays["D0"] = told.D0
     if "gains" in wanted:
         arrays |= gains(fit)
+    if "full_gains" in wanted:
+        arrays |= full_gains(fit)
     if "nuisances" in wanted:
         arrays |= nuisances(fit)
     return Inside(
@@ -145,6 +147,17 @@ def gains(fit: Fit) -> dict[str, Array]:
         Q = np.broadcast_to(white.Q, (len(white.rows), *white.Q.shape[1:]))
         found[f"gain_z_{array_name(white.name)}"] = np.einsum("nqr,npr,npo->nqo", Q, white.H, rows)
     return found
+
+
+def full_gains(fit: Fit) -> dict[str, Array]:
+    """k_z (n_r, q, n, p) of every estimated nuisance that is fresh or correlated in time, by every measurement."""
+    M = measurement_gain(fit.problem)
+    groups: tuple[White | Markov, ...] = (*fit.problem.white, *fit.problem.markov)
+    return {
+        f"gain_z_full_{array_name(group.name)}": response(fit.problem, group.name, M)
+        for group in groups
+        if group.treatment == "estimated"
+    }
 
 
 def nuisances(fit: Fit) -> dict[str, Array]:

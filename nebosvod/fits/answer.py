@@ -24,6 +24,8 @@ from nebosvod.fits.engine import OrbitFit
 from nebosvod.fits.orbit import Comparison, OrbitAt, compared, orbit_at
 from nebosvod.mission import FitMission
 from nebosvod.mission.reading.places import place
+from nebosvod.observation import ProcessNoise
+from nebosvod.scene.process_noise import process_noise_of, reached
 from nebosvod.scene.recorded import long_span, long_trajectory
 from nebosvod.scene.scene import Scene
 from nebosvod.timescale import Epoch
@@ -95,18 +97,22 @@ def answer(found: OrbitFit) -> Answer:
     span, needed = long_span(mission, forces, (float(t_s.min()), float(t_s.max())))
     if not what_it_hits(trajectory):
         span = span[0], min(span[1], trajectory.span_s[1])  # its steps may have come to their end before
-    scene = replace(found.general.scene, trajectory=trajectory, span_s=span, needed_s=needed, forces=forces)
+    scene = replace(
+        found.general.scene, trajectory=trajectory, span_s=span, needed_s=needed, forces=forces,
+        nuisances=tuple(reached(one, trajectory) for one in found.general.scene.nuisances),
+    )  # fmt: skip
+    noise = process_noise_of(scene.nuisances)
     worlds = Worlds(now=estimate, then={})
     amid = orbit_at(estimate, trajectory, 0.0)
     predictions = _predicted(scene, found, trajectory, worlds)
     (first, *later), ended = _reached(mission, trajectory)
-    reference, without = _comparison(mission, estimate, amid, forces)
+    reference, without = _comparison(mission, estimate, amid, forces, noise)
     return Answer(
         fit=found,
         trajectory=trajectory,
-        orbit=orbit_at(estimate, trajectory, first) if first is not None else amid,
+        orbit=orbit_at(estimate, trajectory, first, noise) if first is not None else amid,
         amid=amid,
-        further=tuple(orbit_at(estimate, trajectory, t) for t in later if t is not None),
+        further=tuple(orbit_at(estimate, trajectory, t, noise) for t in later if t is not None),
         ended=tuple(ended),
         budget=tuple(state_shares(scene, fit, worlds)),
         predictions=tuple(predictions),
@@ -118,14 +124,14 @@ def answer(found: OrbitFit) -> Answer:
 
 
 def _comparison(
-    mission: FitMission, estimate: Estimate, amid: OrbitAt, forces: ForceModel
+    mission: FitMission, estimate: Estimate, amid: OrbitAt, forces: ForceModel, noise: ProcessNoise | None
 ) -> tuple[Comparison | None, list[str]]:
     """The comparison with the orbit asked for, if any; or why there is none: an impact of the one that was given."""
     reference = mission.fit.reference
     if reference is None:
         return None, []
     try:
-        return compared(reference, estimate, amid, forces), []
+        return compared(reference, estimate, amid, forces, noise), []
     except (EventError, CoverageError) as error:
         return None, [f"{place(mission, ('fit', 'reference', 'orbit'))}: not compared with {reference.name}: {error}"]
 

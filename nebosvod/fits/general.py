@@ -22,6 +22,7 @@ from nebosvod.observation import Common, Observation
 from nebosvod.observation.measurement.exposures import Sky
 from nebosvod.scene.material import Material
 from nebosvod.scene.prior import STATE_NAMES, PriorTable
+from nebosvod.scene.process_noise import process_noise_of
 from nebosvod.scene.recorded import STATED, scene_of
 from nebosvod.scene.scene import Scene
 
@@ -82,7 +83,7 @@ def estimate(
     found = _once(mission, material, sky, forces, state, priors, selected, known)
     anew = any(source.error.treatment == "estimated" for source in mission.sources)
     while thresholds is not None and anew and found.fit.estimate.solution is not None:
-        latest = reselect(found.chi2, selected, thresholds, len(found.fit.estimate.names) // 2 + 1, held)
+        latest = reselect(found.chi2, selected, thresholds, _count(found) // 2 + 1, held)
         if np.array_equal(latest, selected):
             break
         if settled(history, latest) and not held.any():
@@ -95,6 +96,12 @@ def estimate(
         selected = latest
         found = _once(mission, material, sky, forces, found.fit.point.state, priors, selected)
     return found
+
+
+def _count(found: General) -> int:
+    """How many parameters need measurements of their own: process noise has many, and each a prior."""
+    noise = process_noise_of(found.scene.nuisances)
+    return len(set(found.fit.estimate.names) - set(() if noise is None else noise.names))
 
 
 def widened(mission: FitMission, material: Material, sky: Sky, forces: ForceModel, state: Array) -> Sky:

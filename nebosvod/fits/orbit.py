@@ -15,6 +15,7 @@ from nebosvod.estimation import Estimate, lower_factor
 from nebosvod.mission.fit import Reference
 from nebosvod.mission.state import orbit_state, to_icrf
 from nebosvod.mission.target import WITH_COVARIANCE
+from nebosvod.observation import ProcessNoise
 from nebosvod.scene.prior import STATE_NAMES
 from nebosvod.timescale import SECONDS_PER_DAY, Epoch
 from nebosvod.units import AU_KM, DEG
@@ -77,17 +78,23 @@ class OrbitAt:
         return scale * values, scale[:, None] * (jacobian @ rotation @ self.S)
 
 
-def orbit_at(estimate: Estimate, trajectory: Trajectory, t_s: float) -> OrbitAt:
+def orbit_at(estimate: Estimate, trajectory: Trajectory, t_s: float, noise: ProcessNoise | None = None) -> OrbitAt:
     """The state of a fitted trajectory at a time, with the error that the estimate gives it.
 
     Parameters
     ----------
     estimate : of the state at the trajectory's epoch; its true covariance is carried, shares of every source included.
+    noise : process noise of the object, with its reach: what it does until then is counted.
     """
     at = trajectory.at([t_s])
-    known = [name for name in trajectory.parameter_names if name in (*estimate.names, *estimate.left_out)]
+    every = (*estimate.names, *estimate.left_out)
+    known = [name for name in trajectory.parameter_names if name in every]
     columns = [trajectory.parameter_names.index(name) for name in known]
-    found = estimate.predict(np.hstack([at.Phi[0], at.zeta[0][:, columns]]), (*STATE_NAMES, *known))
+    W = [at.Phi[0], at.zeta[0][:, columns]]
+    if noise is not None and set(noise.names) <= set(every):
+        known += noise.names
+        W.append(at.Phi[0] @ noise.moved_by(np.array([t_s]))[0])
+    found = estimate.predict(np.hstack(W), (*STATE_NAMES, *known))
     return OrbitAt(
         epoch=trajectory.epoch + t_s,
         state=np.array(at.state[0]),
@@ -119,7 +126,9 @@ class Comparison:
     dof: int = 6
 
 
-def compared(reference: Reference, estimate: Estimate, fitted: OrbitAt, forces: ForceModel) -> Comparison:
+def compared(
+    reference: Reference, estimate: Estimate, fitted: OrbitAt, forces: ForceModel, noise: ProcessNoise | None = None
+) -> Comparison:
     """How far a fitted orbit is from a reference orbit, in sigmas, at the epoch of the reference.
 
     Each orbit is carried by its own forces alone: the fitted one, with its covariance, to the epoch of the reference,
@@ -128,7 +137,7 @@ def compared(reference: Reference, estimate: Estimate, fitted: OrbitAt, forces: 
 
     Parameters
     ----------
-    fitted : the fitted orbit at its epoch; forces : of the fit, at the values it found.
+    fitted : the fitted orbit at its epoch; forces : of the fit, at the values it found; noise : as of `orbit_at`.
 
     Notes
     -----
@@ -138,7 +147,7 @@ def compared(reference: Reference, estimate: Estimate, fitted: OrbitAt, forces: 
     at = reference.orbit.epoch
     try:
         along = carry(fitted.state, fitted.epoch, at, forces, sensitivities=True)
-        orbit = orbit_at(estimate, along, at - fitted.epoch)
+        orbit = orbit_at(estimate, along, at - fitted.epoch, noise)
     except (EventError, CoverageError):
         orbit = fitted
     theirs, carried = _reference_state(reference, orbit, forces)

@@ -35,7 +35,7 @@ from nebosvod.mission.request import (
     internal_covariance,
     scales,
 )
-from nebosvod.mission.sources import KINDS, Source
+from nebosvod.mission.sources import KINDS, Source, of_object
 from nebosvod.mission.spacecraft import OemFile, Spk, Tabulated
 from nebosvod.mission.target import Body, Orbit
 from nebosvod.mission.uncertainty import Bias, Error, Group, Position, Timing
@@ -307,7 +307,7 @@ class FitMission(Question):
 
     @property
     def sources(self) -> tuple[Source, ...]:
-        """What the file says is uncertain about the stations that observed."""
+        """What the file says is uncertain about the stations that observed, and about what they saw."""
         found = []
         for i, entry in enumerate(self.fit.uncertainty):
             whom = tuple(name for name in self._stations if entry.stations == "all" or plain(name) in entry.stations)
@@ -326,7 +326,7 @@ class FitMission(Question):
                             path=path,
                         )
                     )
-        return tuple(found)
+        return (*found, *of_object(self.object, self._stations))
 
     def carrier(self, telescope: str) -> StationOrbit | None:
         """The trajectory given for the station of a telescope, if one is."""

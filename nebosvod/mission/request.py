@@ -385,7 +385,7 @@ class ForcePlan(Block):
         return found
 
 
-Shown = Literal["information", "gains", "nuisances", "smallness", "bounds", "imitation"]
+Shown = Literal["information", "gains", "full_gains", "nuisances", "smallness", "bounds", "imitation"]
 
 
 class ReportPlan(Block):
@@ -395,6 +395,7 @@ class ReportPlan(Block):
     note: str | None = Field(None, max_length=5000, description="Free text, shown at the top")
     show: Several[Shown] = Field(
         (),
-        description="Of the first estimate: D0, gains and refined nuisances as arrays, whether errors are small, "
-        "what errors in boxes allow after the measurements, and which motion a common error imitates",
+        description="Of the first estimate: D0, gains and refined nuisances as arrays (full_gains: of each nuisance by "
+        "every measurement), whether errors are small, what errors in boxes allow after the measurements, and which "
+        "motion a common error imitates",
     )

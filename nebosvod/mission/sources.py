@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from nebosvod.mission.fields import Block, KeyPath, Text
 from nebosvod.mission.request import TelescopeNames
-from nebosvod.mission.target import Target
+from nebosvod.mission.target import Body, Target
 from nebosvod.mission.telescope import Telescope
 from nebosvod.mission.uncertainty import GROUPS, Bias, Error, Group, Position, Timing
 
@@ -62,8 +62,13 @@ class Source:
 
     @property
     def slow(self) -> bool:
-        """Whether it is correlated in time with a memory that fades: a state of its own, not a constant."""
-        return getattr(self.error, "correlation", "") == "gauss_markov"
+        """Whether it changes from one measurement to the next and remembers: a state of its own, not a constant."""
+        return getattr(self.error, "correlation", "") == "gauss_markov" or self.stays
+
+    @property
+    def stays(self) -> bool:
+        """Whether it stays as it is for a while and is then drawn anew: a bias by arcs, an orbit determined anew."""
+        return getattr(self.error, "correlation", "") == "per_arc" or getattr(self.error, "renewal", None) is not None
 
 
 def sources(telescopes: tuple[Telescope, ...], shared: tuple[Shared, ...], target: Target) -> Iterator[Source]:
@@ -94,12 +99,17 @@ def sources(telescopes: tuple[Telescope, ...], shared: tuple[Shared, ...], targe
             error=getattr(entry, group),
             path=("shared", i, group),
         )
+    yield from of_object(target, names)
+
+
+def of_object(target: Body, telescopes: tuple[str, ...]) -> Iterator[Source]:
+    """The photocentre and the process noise of the object, which act on what all telescopes see."""
     if target.photocentre is not None:
         yield Source(
             name="photocentre",
             group="photocentre",
             keys=("photocentre",),
-            telescopes=names,
+            telescopes=telescopes,
             error=target.photocentre,
             path=("object", "photocentre"),
         )
@@ -108,7 +118,7 @@ def sources(telescopes: tuple[Telescope, ...], shared: tuple[Shared, ...], targe
             name="process noise",
             group="process_noise",
             keys=("process_noise", "process noise"),
-            telescopes=names,
+            telescopes=telescopes,
             error=target.process_noise,
             path=("object", "process_noise"),
         )

@@ -106,11 +106,12 @@ class Body(Block):
     thermal_emission: UncertainEmission | None = None
     nongrav: Nongrav | None = None
     photocentre: Photocentre | None = None
+    process_noise: ProcessNoise | None = None
+    correlations: Annotated[Several[Correlation], Field(max_length=36)] = ()
 
     def complaints(self) -> list[tuple[KeyPath, str]]:
-        """One of each pair; all three of the body or none; A1 against radiation pressure."""
-        found = self._pair_complaints()
-        return found or self._force_complaints()
+        """One of each pair; all three of the body or none; A1 against radiation pressure; correlations of what errs."""
+        return self._pair_complaints() or self._force_complaints() or self._correlation_complaints()
 
     def _pair_complaints(self) -> list[tuple[KeyPath, str]]:
         found: list[tuple[KeyPath, str]] = []
@@ -334,31 +335,6 @@ class Body(Block):
         given = self.density.model_copy(update={"value": mass, "sigma": sigma})
         return parameter_from("mass_kg", "mass", given, key="density")
 
-
-class Target(Body):
-    """The asteroid."""
-
-    orbit: Orbit
-    process_noise: ProcessNoise | None = None
-    correlations: Annotated[Several[Correlation], Field(max_length=36)] = ()
-
-    def complaints(self) -> list[tuple[KeyPath, str]]:
-        """Correlated are parameters that have an error, each pair once, and together they are a covariance."""
-        found = super().complaints()
-        return found or self._correlation_complaints()
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """Every dynamic parameter that acts, fixed ones included, and an uncertain absolute magnitude."""
-        magnitude = self.magnitude
-        if magnitude is None or magnitude.sigma is None:
-            return super().parameters
-        H = Parameter(
-            name=MAGNITUDE, group="H", key="magnitude", value=magnitude.H, sigma=magnitude.sigma,
-            treatment=magnitude.treatment,
-        )  # fmt: skip
-        return (*super().parameters, H)
-
     @property
     def correlated(self) -> dict[tuple[str, str], float]:
         """Correlations by pairs of groups, either way."""
@@ -387,3 +363,21 @@ class Target(Body):
             text = f"cannot all be so: no covariance has them (smallest eigenvalue {least:.3g})"
             return [(("correlations",), text)]
         return []
+
+
+class Target(Body):
+    """The asteroid."""
+
+    orbit: Orbit
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Every dynamic parameter that acts, fixed ones included, and an uncertain absolute magnitude."""
+        magnitude = self.magnitude
+        if magnitude is None or magnitude.sigma is None:
+            return super().parameters
+        H = Parameter(
+            name=MAGNITUDE, group="H", key="magnitude", value=magnitude.H, sigma=magnitude.sigma,
+            treatment=magnitude.treatment,
+        )  # fmt: skip
+        return (*super().parameters, H)

@@ -99,7 +99,7 @@ def fit_block(found: Answer) -> dict[str, Any]:
     solved = estimate.solution is not None
     selected = general.selected
     ra, dec, both = rms_arcsec(fit)
-    dof = 2 * int(selected.sum()) - len(estimate.names)
+    dof = estimate.dof  # a parameter with a prior brings its own row
     chi2 = float(fit.lean.correction.cost) if not solved else float(estimate.chi2)
     return {
         "status": str(fit.verdict.status),

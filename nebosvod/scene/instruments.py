@@ -48,12 +48,11 @@ from nebosvod.observation import (
 )
 from nebosvod.observation import Photocentre as PhotocentreOffset
 from nebosvod.observation import PlateScale as PlateScaleError
-from nebosvod.observation import ProcessNoise as ProcessNoiseTerm
 from nebosvod.observation.earth import obscodes
 from nebosvod.observation.measurement.telescope import NoiseTruth
 from nebosvod.observation.spacecraft.orbit_table import read_orbit_table
 from nebosvod.scene.declared import Declared
-from nebosvod.scene.process_noise import edges
+from nebosvod.scene.process_noise import edges_of, noise_over
 from nebosvod.timescale import Epoch
 
 Array = npt.NDArray[np.float64]
@@ -329,14 +328,8 @@ def _photocentre(source: Source, mission: Question, seeing: Seeing) -> Nuisance:
 def _process_noise(source: Source, mission: Question, seeing: Seeing) -> Nuisance:
     error = _of(ProcessNoise, source)
     if not isinstance(mission, Mission):
-        raise TypeError(f"{source.name}: of a mission that is simulated")
-    return ProcessNoiseTerm(
-        name=source.name,
-        telescopes=seeing,
-        density_km2_s3=error.density_km2_s3,
-        edges_s=edges(mission, error.intervals),
-        treatment=error.treatment,
-    )
+        raise TypeError(f"{source.name}: of a schedule; that of records is made where their times are known")
+    return noise_over(source.name, error, seeing, edges_of(mission, error.intervals))
 
 
 def _of(kind: type[Kind], source: Source) -> Kind:

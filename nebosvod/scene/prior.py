@@ -23,7 +23,6 @@ from nebosvod.mission.question import CovariancePrior
 from nebosvod.mission.reading.places import asking
 from nebosvod.mission.request import Prior as PriorBlock
 from nebosvod.mission.state import orbit_state, to_icrf
-from nebosvod.mission.target import Target
 
 Array = npt.NDArray[np.float64]
 STATE_NAMES = ("x_km", "y_km", "z_km", "vx_km_s", "vy_km_s", "vz_km_s")
@@ -241,10 +240,10 @@ def _parameter_entries(mission: Question, parameters: list[Parameter]) -> tuple[
         names = tuple(p.name for p in pair)
         entries.append(("radius and density", names, np.array([p.value for p in pair]), covariance))
         parameters = [p for p in parameters if p not in pair]
-    for group in _tied(parameters, _correlations(mission)):
+    for group in _tied(parameters, mission.object.correlated):
         if len(group) > 1:
             sigma = np.array([p.sigma or 0.0 for p in group])
-            said = _correlations(mission)
+            said = mission.object.correlated
             matrix = np.array([[float(a is b) or said.get((a.group, b.group), 0.0) for b in group] for a in group])
             title = " and ".join(p.group for p in group)
             names = tuple(p.name for p in group)
@@ -253,11 +252,6 @@ def _parameter_entries(mission: Question, parameters: list[Parameter]) -> tuple[
     for p in parameters:
         entries.append((p.group, (p.name,), np.array([p.value]), np.array([[(p.sigma or 0.0) ** 2]])))
     return tuple(entries)
-
-
-def _correlations(mission: Question) -> dict[tuple[str, str], float]:
-    """Correlations that a mission declares, by pairs of groups."""
-    return mission.object.correlated if isinstance(mission.object, Target) else {}
 
 
 def _tied(parameters: list[Parameter], correlated: Mapping[tuple[str, str], float]) -> list[list[Parameter]]:

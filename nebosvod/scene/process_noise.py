@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from nebosvod.dynamics import Trajectory
 from nebosvod.mission import Mission
+from nebosvod.mission.uncertainty import ProcessNoise as Said
 from nebosvod.observation import Nuisance, ProcessNoise, Reach
 from nebosvod.scene.declared import Declared, as_assumed
 
@@ -18,13 +19,24 @@ GAUSS = np.polynomial.legendre.leggauss(4)
 PUSH = np.vstack([np.zeros((3, 3)), np.eye(3)])
 
 
-def edges(mission: Mission, intervals: int) -> Array:
-    """Edges of the intervals, s after the reference epoch: over the measurements, a third as many beyond each end."""
+def noise_over(name: str, said: Said, telescopes: tuple[str, ...], edges_s: Array) -> ProcessNoise:
+    """The process noise that a file says, over some intervals."""
+    return ProcessNoise(
+        name=name, telescopes=telescopes, density_km2_s3=said.density_km2_s3, edges_s=edges_s, treatment=said.treatment
+    )
+
+
+def edges_of(mission: Mission, intervals: int) -> Array:
+    """Edges of the intervals of a mission: over its schedule, and to its predictions."""
     times = np.concatenate([[0.0], *(mission.times_s(telescope.name) for telescope in mission.telescopes)])
-    first, last = float(times.min()), float(times.max())
-    asked = [one.when - mission.reference_epoch for one in mission.predictions]
+    return edges(times, [one.when - mission.reference_epoch for one in mission.predictions], intervals)
+
+
+def edges(measured_s: Array, asked_s: Sequence[float], intervals: int) -> Array:
+    """Edges of the intervals, s after the reference epoch: over the measurements, a third as many beyond each end."""
+    first, last = min(float(measured_s.min()), 0.0), max(float(measured_s.max()), 0.0)
     found: list[Array] = [np.linspace(first, last, intervals + 1), np.zeros(1)]
-    for end in (min([first, *asked]), max([last, *asked])):
+    for end in (min([first, *asked_s]), max([last, *asked_s])):
         near = first if end < first else last
         if end not in (first, last):
             found.append(np.linspace(near, end, intervals // 3 + 2))

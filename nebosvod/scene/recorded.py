@@ -14,6 +14,7 @@ from nebosvod.dynamics import ForceModel, Trajectory
 from nebosvod.dynamics.impact import follow
 from nebosvod.errors import InputError, StepLimitError
 from nebosvod.mission import FitMission, Position, SkyPrediction, Source
+from nebosvod.mission.uncertainty import ProcessNoise
 from nebosvod.observation import Nuisance, Observation, Telescope, ZoneBias
 from nebosvod.observation.contracts import Ephemeris as AnyEphemeris
 from nebosvod.observation.earth import obscodes
@@ -21,6 +22,7 @@ from nebosvod.observation.earth.sites import GroundSite
 from nebosvod.observation.uncertainty.term import White
 from nebosvod.scene.instruments import nuisance
 from nebosvod.scene.material import Material, carrier_of
+from nebosvod.scene.process_noise import edges, noise_over, reached
 from nebosvod.scene.scene import MARGIN_S, Scene, covered, times_of
 
 Array = npt.NDArray[np.float64]
@@ -72,15 +74,19 @@ def scene_of(mission: FitMission, material: Material, forces: ForceModel, trajec
     exposures = material.exposures.select(rows).counted_from(mission.reference_epoch).seeing()
     seeing = {telescope.name for telescope in exposures.telescopes}
     sources = {source.name: source for source in mission.sources if seeing & set(source.telescopes)}
+    every_s = material.exposures.counted_from(mission.reference_epoch).t_s
     nuisances: list[Nuisance] = []
     for source in sources.values():
         names = tuple(name for name in source.telescopes if name in seeing)
+        if isinstance(source.error, ProcessNoise):
+            edges_s = edges(every_s, _asked_s(mission, forces), source.error.intervals)
+            nuisances.append(reached(noise_over(source.name, source.error, names, edges_s), trajectory))
+            continue
         one = nuisance(source, mission, names)
         if isinstance(one, ZoneBias):
             one = replace(one, sky=material.observed[rows][exposures.rows(names)])
         nuisances.append(one)
     stated = np.flatnonzero(np.isin(rows, material.position_rows))
-    every_s = material.exposures.counted_from(mission.reference_epoch).t_s
     span = float(every_s.min()), float(every_s.max())
     if stated.size:
         block = Position.model_construct(correlation="white", sigma=1.0, treatment="estimated")
@@ -150,10 +156,16 @@ def long_span(
     """First and last time the answer needs the orbit, inside the ephemeris, and the last that must be reached."""
     epoch = mission.reference_epoch
     needed = [*span_s, 0.0]
-    asked = [when - epoch for when in (*mission.fit.epochs, *([mission.fit.epoch] if mission.fit.epoch else []))]
-    times = needed + asked + times_of(mission.predictions, epoch, forces)
+    times = needed + _asked_s(mission, forces)
     whole = min(times) - MARGIN_S, max(times) + (MARGIN_S if max(times) > max(span_s) else 0.0)
     return covered(whole, (min(*span_s, 0.0), max(needed)), forces, epoch), max(needed)
+
+
+def _asked_s(mission: FitMission, forces: ForceModel) -> list[float]:
+    """Times, s after the epoch of the fit, at which its file asks for the orbit."""
+    epoch = mission.reference_epoch
+    asked = [when - epoch for when in (*mission.fit.epochs, *([mission.fit.epoch] if mission.fit.epoch else []))]
+    return asked + times_of(mission.predictions, epoch, forces)
 
 
 def long_trajectory(mission: FitMission, state: Array, forces: ForceModel, span_s: tuple[float, float]) -> Trajectory:

@@ -15,6 +15,7 @@ from nebosvod.mission.reading import flight
 MAX_OBSERVATIONS = 1_000_000
 MAX_RUNS = 100_000
 MAX_TIME_S = 86400.0
+MAX_FULL_GAINS = 2000  # measurements of which the response of each to each is kept: 200 MB
 _ROW_BYTES_MEMORY = 6000.0  # partials, whitened rows and factors of one measurement, several copies
 _ROW_BYTES_DISK = 1200.0  # arrays.npz and the tables
 _ROW_S = 60e-6  # trajectory, partials and one estimator
@@ -91,6 +92,9 @@ def complaints(mission: Mission) -> Iterator[tuple[KeyPath, str]]:
         worst = max(range(len(counts)), key=counts.__getitem__)
         text = f"makes too many measurements ({cost}; allowed {MAX_OBSERVATIONS:,} measurements); use a longer cadence"
         yield ("schedule", worst, "cadence"), text
+    if "full_gains" in mission.report.show and cost.n_observations > MAX_FULL_GAINS:
+        text = f"full_gains grows with the square of the measurements (got {cost.n_observations:,} scheduled; allowed "
+        yield ("report", "show"), f"{text}{MAX_FULL_GAINS:,}); gains has those of each nuisance by its own measurement"
     if cost.n_runs > MAX_RUNS:
         yield (
             ("monte_carlo", "runs"),

@@ -60,7 +60,7 @@ def _of_fit(mission: FitMission) -> Iterator[Complaint]:
 
 def _of_mission(mission: Mission) -> Iterator[Complaint]:
     prior = list(_prior(mission))
-    yield from chain(_references(mission), _shared(mission), _sites(mission), _turning(mission))
+    yield from chain(_references(mission), _shared(mission), _sites(mission), _turning(mission), _shows(mission))
     yield from chain(_carried_covariances(mission), _coverage(mission), prior)
     if not prior:  # the rules of estimators ask what is in the prior
         yield from chain(
@@ -78,7 +78,8 @@ def _undeclared(mission: FitMission) -> Iterator[Complaint]:
         if getattr(getattr(mission.object, key), "true", None) is not None:
             yield ("object", key, "true"), text
     if mission.object.magnitude is not None and mission.object.magnitude.sigma is not None:
-        yield ("object", "magnitude", "sigma"), "belongs to a mission that is simulated; a fit has no use for it"
+        text = "belongs to a mission that is simulated: directions say nothing of H, and a fit has no use for its sigma"
+        yield ("object", "magnitude", "sigma"), text
     for key in () if mission.object.nongrav is None else mission.object.nongrav.declared:
         yield ("object", "nongrav", key, "true"), text
     if isinstance(mission.prior, Prior) and mission.prior.true is not None:
@@ -348,6 +349,12 @@ def _estimator(mission: Mission, index: int, estimator: Estimator) -> Iterator[C
 def _method(mission: Mission, index: int, estimator: Estimator) -> Iterator[Complaint]:
     """A filter that starts from a prior has one of everything it estimates, and can do what the mission asks."""
     method, place = estimator.method, ("estimators", index, "method")
+    staying = [s.name for s in mission.sources if s.stays and mission.source_treatment(estimator, s) == "estimated"]
+    if method == "batch_blocks" and staying:
+        text = (
+            f"batch_blocks inverts every covariance, and {', '.join(staying)} has none from one measurement to the next"
+        )
+        yield place, f"{text}, where it stays as it is; use batch_qr"
     if method not in FROM_A_PRIOR:
         return
     if mission.prior == "none":
@@ -375,6 +382,14 @@ def _method(mission: Mission, index: int, estimator: Estimator) -> Iterator[Comp
     if method in TWO_STAGE and "estimated" not in [*treatment.values(), *(own[name] for name in common)]:
         text = f"{method} separates the orbit from what else is estimated, and nothing else is"
         yield place, f"{text}; estimate a bias or a parameter of the body, or use recursive"
+
+
+def _shows(mission: Mission) -> Iterator[Complaint]:
+    """What is shown of an estimate is that of least squares."""
+    methods = dict.fromkeys(estimator.method for estimator in mission.estimators)
+    if mission.report.show and set(methods) <= set(OWN_GAIN):
+        text = "shows the inside of an estimate by least squares, and the gain of every estimator is one of its own"
+        yield ("report", "show"), f"{text} (got {', '.join(methods)}); add an estimator of method batch_qr"
 
 
 def _no_group(group: str, known: Iterable[str]) -> str:

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from nebosvod.errors import InputError
-from nebosvod.estimation import Block, Prior
-from nebosvod.estimation.accuracy.refined import refine
+from nebosvod.estimation import Block, Markov, Prior, White
+from nebosvod.estimation.accuracy.refined import refine, response
+from nebosvod.estimation.problem.sources import measurement_gain
 from nebosvod.estimation.solvers import batch
 
 
@@ -52,6 +53,40 @@ def test_a_refined_nuisance_counts_from_the_assumed_means(make_problem, z, bias)
             H, Q = nuisance.H[i], nuisance.Q[0]
             z_k = Q @ H.T @ np.linalg.solve(H @ Q @ H.T + problem.R[k], v)
             np.testing.assert_allclose(found.mean[i], z_k, atol=1e-9)
+
+
+@pytest.mark.parametrize("asked", ["z white", "z slow", "z slower"])
+def test_nuisances_that_share_measurements_are_told_apart(make_problem, asked):
+    """One fresh and two correlated in time, some rows shared by all three: carried explicitly, and its response."""
+    rng = np.random.default_rng(4)
+    problem = make_problem(seed=5, n=12, z="none")
+    Q = np.eye(3) + 0.3
+    white = White(name="z white", H=rng.normal(size=(7, 2, 3)), Q=Q, rows=np.arange(2, 9))
+    slow, slower = (
+        Markov(
+            name=name, H=rng.normal(size=(len(rows), 2, 3)), F=np.tile(f * np.eye(3), (len(rows), 1, 1)),
+            Q=np.tile((1.0 - f**2) * Q, (len(rows), 1, 1)), P0=Q, rows=rows,
+        )
+        for name, f, rows in (("z slow", 0.6, np.arange(0, 12, 2)), ("z slower", 0.9, np.array([1, 4, 5, 8, 11])))
+    )  # fmt: skip
+    problem = replace(problem, white=(white,), markov=(slow, slower))
+    nuisance = {one.name: one for one in (white, slow, slower)}[asked]
+    found = refine(problem, batch.solve(problem), asked)
+    full = response(problem, asked, measurement_gain(problem))
+    explicit, names = _explicit(problem, nuisance)
+    explicit = replace(
+        explicit,
+        white=tuple(one for one in problem.white if one.name != asked),
+        markov=tuple(one for one in problem.markov if one.name != asked),
+    )
+    whole, M = batch.solve(explicit), measurement_gain(explicit)
+    assert full.shape == (len(nuisance.rows), 3, problem.n, problem.p)
+    for i in range(len(nuisance.rows)):
+        mine = names[3 * i : 3 * i + 3]
+        np.testing.assert_allclose(found.mean[i], [whole.value(name) for name in mine], atol=1e-9)
+        np.testing.assert_allclose(found.covariance[i], whole.covariance(mine), atol=1e-10)
+        columns = [whole.names.index(name) for name in mine]
+        np.testing.assert_allclose(full[i], np.moveaxis(M[:, :, columns], 2, 0), atol=1e-10)
 
 
 def _explicit(problem, nuisance):

@@ -6,6 +6,7 @@ a circle of 60,000 km about the Earth, whose records state where it was.
 """
 
 import json
+import re
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -15,6 +16,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
+from scipy.linalg import block_diag
 
 from nebosvod.cli import main
 from nebosvod.dynamics import Ephemeris, ForceModel, propagate
@@ -478,3 +480,130 @@ def test_a_drift_of_a_real_survey_from_space_is_that_of_dense_algebra(ephemeris,
     B = common(D, np.diag(np.square([0.3, 0.3, 0.13 / DAY, 0.13 / DAY]) * ARCSEC**2))
     one = SimpleNamespace(arrays=arrays, estimate=found.general.fit.estimate, summary=summarise(said))
     assert_as_dense(one, B, treatment == "estimated", "bias C51", 1e-4)
+
+
+# --- what errs about the object itself ------------------------------------------------------------------------------
+
+
+def held(text):
+    """Settings whose object has more to it."""
+    return HEAD.replace("\nfit:\n", f"\n  {text}\nfit:\n")
+
+
+def shocks(t, later=None, m=600):
+    """What accelerations in m short intervals do to the state at the epoch until times t and a later one (., 6, 3 m).
+
+    By the transition of a body in the field of the Sun alone. Also the lengths (3 m,) and the transition to that time.
+    """
+    radius = STATE[:3]
+
+    def slope(t_s, y):
+        r, A = y[:3], np.zeros((6, 6))
+        size = np.linalg.norm(r)
+        A[:3, 3:] = np.eye(3)
+        A[3:, :3] = GM_SUN * (3.0 * np.outer(r, r) / size**5 - np.eye(3) / size**3)
+        return np.concatenate([y[3:6], -GM_SUN * r / size**3, (A @ y[6:].reshape(6, 6)).ravel()])
+
+    first, last = t.min(), max(t.max(), later or 0.0)
+    edges = np.concatenate([np.linspace(first, 0.0, m // 3 + 1), np.linspace(0.0, last, m - m // 3 + 1)[1:]])
+    middle, step = 0.5 * (edges[1:] + edges[:-1]), np.diff(edges)
+    start = np.concatenate([radius, STATE[3:], np.eye(6).ravel()])
+    Phi: dict[float, np.ndarray] = {}
+    for sign in (-1.0, 1.0):
+        there = np.unique(np.abs([x for x in (*middle, later or 0.0) if sign * x > 0.0]))
+        run = solve_ivp(slope, (0.0, sign * there[-1]), start, t_eval=sign * there, rtol=1e-9, atol=1e-9)
+        Phi |= {float(x): y[6:].reshape(6, 6) for x, y in zip(sign * there, run.y.T)}
+    push = np.eye(6)[:, 3:]
+    back = np.array([np.linalg.solve(Phi[float(x)], push) * h for x, h in zip(middle, step)])  # (m, 6, 3)
+    end = np.array([*t, later or 0.0])[:, None]
+    # the part of each interval between the epoch and the time, with its sign
+    after, before = (end - edges[:-1]) / step, (edges[1:] - end) / step
+    part = np.where(middle > 0.0, np.clip(after, 0.0, 1.0), -np.clip(before, 0.0, 1.0))
+    B = part[:, :, None, None] * back
+    return B.transpose(0, 2, 1, 3).reshape(len(end), 6, -1), np.repeat(step, 3), Phi.get(float(later or 0.0), np.eye(6))
+
+
+@pytest.mark.parametrize("treatment", ["estimated", "considered"])
+def test_process_noise_of_the_object_is_that_of_dense_algebra_then_and_later(fit, monkeypatch, treatment):
+    """Accelerations in 600 intervals as unknowns of one least squares, or as an error left out of it."""
+    said = f"process_noise: {{velocity: 2 m/s, over: 30 d, intervals: 60, treatment: {treatment}}}"
+    monkeypatch.setitem(globals(), "HEAD", held(said))
+    later = Epoch.parse("2023-03-21T00:00:00 TDB")
+    one = fit(more=KEEP + "  epochs: [2023-03-21 TDB]\n")
+    amid = one.found.epoch
+    t, until = one.arrays["epoch_s"], later - amid
+    B, step, Phi = shocks(t, until)
+    q = 2e-3**2 / (30.0 * DAY)
+    H = one.arrays["H"].reshape(-1, 6)
+    D = np.einsum("nai,nij->naj", one.arrays["H"], B[:-1]).reshape(len(H), -1)
+    R = block_diag(*one.arrays["R"])
+    C = D * (q / step) @ D.T
+    L = np.linalg.cholesky(R + C if treatment == "estimated" else R)
+    Q, triangle = np.linalg.qr(np.linalg.solve(L, H))
+    gain = np.linalg.solve(triangle, np.linalg.solve(L.T, Q).T)
+    state = gain @ (R + C) @ gain.T
+    cross = -gain @ D * (q / step)  # of the estimated state's error and the accelerations
+    if treatment == "estimated":
+        rest = np.diag(q / step) - (D * (q / step)).T @ np.linalg.solve(R + C, D * (q / step))
+        across = (D * (q / step)).T @ np.linalg.solve(R + C, H)
+        after = rest + across @ state @ across.T
+        cross = -state @ across.T
+    else:
+        after = np.diag(q / step)
+    W = Phi @ np.hstack([np.eye(6), B[-1]])
+    whole = W @ np.block([[state, cross], [cross.T, after]]) @ W.T
+    sigma = np.sqrt(np.diag(state))
+    K = one.estimate.covariance(STATE_NAMES)
+    np.testing.assert_allclose(K / np.outer(sigma, sigma), state / np.outer(sigma, sigma), atol=5e-3)
+    found = next(row for row in one.summary["further"] if row["epoch_tdb"].startswith("2023-03-21"))
+    np.testing.assert_allclose(found["sigma_km_km_s"], np.sqrt(np.diag(whole)), rtol=5e-3)
+    share = next(row for row in one.summary["budget"] if row["source"] == "process noise")
+    assert share["share_position"] > 0.05
+    assert one.summary["fit"]["dof"] == 2 * len(t) - 6
+    assert not any(name.startswith("process noise") for name in one.summary["physics"]["parameters"])
+
+
+def test_correlated_parameters_are_one_prior_of_a_fit(fit, monkeypatch):
+    """A1 and A2 with a correlation: the prior of the estimate is that covariance, as is what was learned."""
+    size = 1e-9
+    block = f"{{value: 0 au/d^2, sigma: {size} au/d^2, treatment: estimated}}"
+    said = f"nongrav: {{A1: {block}, A2: {block}}}\n  correlations: [{{between: [A1, A2], value: 0.9}}]"
+    monkeypatch.setitem(globals(), "HEAD", held(said))
+    one = fit(more=KEEP)
+    names = one.found.general.seen.parameter_names
+    assert names == ("a1_au_d2", "a2_au_d2")
+    H = np.concatenate([one.found.general.seen.H_x0, one.found.general.seen.H_c], axis=2).reshape(-1, 8)
+    unit = np.array([1e3] * 3 + [1e-3] * 3 + [size] * 2)
+    W = np.repeat(1.0 / np.diagonal(one.arrays["R"], axis1=1, axis2=2).ravel(), 1)
+    N = (H * unit).T @ (W[:, None] * (H * unit))
+    N[6:, 6:] += np.linalg.solve(np.array([[1.0, 0.9], [0.9, 1.0]]), np.eye(2))
+    K = np.linalg.solve(N, np.eye(8))
+    found = one.estimate.covariance((*STATE_NAMES, *names)) / np.outer(unit, unit)
+    sigma = np.sqrt(np.diag(K))
+    np.testing.assert_allclose(found / np.outer(sigma, sigma), K / np.outer(sigma, sigma), atol=1e-6)
+    assert abs(K[6, 7]) > 0.1 * sigma[6] * sigma[7]
+
+
+def test_the_light_of_a_partly_lit_object_is_an_error_of_a_fit_too(fit, monkeypatch):
+    """It was read and silently left out; here 5000 km of radius are seen from 0.16 au, so that it shows."""
+    said = "photocentre: {value: 1.0, sigma: 1.0, radius: 5000 km, treatment: considered}"
+    monkeypatch.setitem(globals(), "HEAD", held(said))
+    one = fit(more=KEEP)
+    row = next(row for row in one.summary["budget"] if row["source"] == "photocentre")
+    assert row["share_position"] > 0.1
+
+
+@pytest.mark.parametrize(
+    ("said", "message"),
+    [
+        ("process_noise: {velocity: 1 mm/s, over: 1 d, treatment: estimated, true: {velocity: 2 mm/s}}",
+         "object.process_noise.true: belongs to a mission that is simulated; what recorded measurements really are"),
+        ("magnitude: {H: 20, sigma: 0.2, treatment: considered}",
+         "object.magnitude.sigma: belongs to a mission that is simulated: directions say nothing of H"),
+        ("correlations: [{between: [A1, A2], value: 0.5}]", "A1 has no error here: it needs a sigma"),
+    ],
+)  # fmt: skip
+def test_what_makes_no_sense_of_records_is_refused_with_the_reason(fit, monkeypatch, said, message):
+    monkeypatch.setitem(globals(), "HEAD", held(said))
+    with pytest.raises(InputError, match=re.escape(message)):
+        fit(more=KEEP)

@@ -12,7 +12,7 @@ from nebosvod.cli import main
 from nebosvod.engine.assembly import computed_psi, nominal_view, view
 from nebosvod.engine.fitting import Fit, fit
 from nebosvod.engine.truth import draw
-from nebosvod.findings.inside import gains, information, nuisances, smallness
+from nebosvod.findings.inside import full_gains, gains, information, nuisances, smallness
 from nebosvod.mission import Mission, load_mission
 from nebosvod.scene.point import View
 from nebosvod.scene.prior import STATE_NAMES, PriorTable, prior_table
@@ -181,7 +181,7 @@ def test_refined_telescope_positions_are_those_of_one_dense_solution(made: Made,
     v = problem.residual.reshape(-1)
     K = inverse(H.T @ W @ H + prior)
     best = K @ (H.T @ W @ v + prior @ mean)
-    shown, response = nuisances(found), gains(found)
+    shown, response, full = nuisances(found), gains(found), full_gains(found)
     for number, telescope in enumerate(("neb_1", "neb_2")):
         key = next(
             name for name in shown if name.startswith("z_") and name.lower().replace("-", "_").endswith(telescope)
@@ -194,6 +194,10 @@ def test_refined_telescope_positions_are_those_of_one_dense_solution(made: Made,
             assert shown[f"K_{key}"][j] == pytest.approx(K[own, own], abs=1e-5 * 9.0)
             by_own = (K @ H.T @ W)[own, 2 * k : 2 * k + 2]
             assert response[f"gain_{key}"][j] == pytest.approx(by_own, abs=1e-5 * np.abs(by_own).max())
+            whole_row = (K @ H.T @ W)[own].reshape(3, n, 2)
+            assert full[f"gain_z_full_{key.removeprefix('z_')}"][j] == pytest.approx(
+                whole_row, abs=1e-5 * np.abs(whole_row).max()
+            )
 
 
 def test_smallness_is_the_bend_of_the_measurements_one_sigma_away(made: Made) -> None:

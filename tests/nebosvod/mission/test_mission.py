@@ -479,41 +479,6 @@ def test_reading_a_mission_loads_no_heavy_module() -> None:
 PRIOR_SIGMA = ("prior: none  ", "prior: {sigma: {position: 1000 km, velocity: 1 m/s}}  ")
 
 
-@pytest.mark.parametrize("method", ["two_stage", "hsieh_chen", "ekf", "smoother", "schmidt", "as_printed"])
-def test_filters_that_start_from_a_prior_say_what_of_it_is_missing(method: str) -> None:
-    edit = ("method: recursive", f"method: {method}")
-    assert f"estimators[3].method: {method} starts from a prior orbit, and the mission has none" in refusal(edit)
-    assert mission(edit, PRIOR_SIGMA).estimators[3].method == method
-    bias = ("bias: {sigma: 0.05 arcsec, treatment: estimated}", "bias: {treatment: estimated}")
-    found = refusal(edit, PRIOR_SIGMA, bias)
-    assert f"{method} needs a sigma of bias NEB-1, bias NEB-2; give it one, or use recursive" in found
-    assert "A2" not in found  # it is fixed
-
-
-def test_errors_correlated_in_time_are_for_filters_that_carry_them() -> None:
-    slow = ("correlation: white", "correlation: gauss_markov, time: 6 h")
-    said = "cannot carry an error correlated in time (telescope position NEB-1, telescope position NEB-2)"
-    held = ("treatment: estimated}   # assumption: each axis", "treatment: fixed}   # assumption: each axis")
-    for method in ("schmidt", "as_printed"):
-        edits = (("method: recursive", f"method: {method}"), PRIOR_SIGMA)
-        assert said in refusal(*edits, slow)
-        assert mission(*edits, slow, held).estimators[3].method == method
-    assert mission(("method: recursive", "method: two_stage"), PRIOR_SIGMA, slow).estimators[3].method == "two_stage"
-
-
-def test_two_stages_need_something_beside_the_orbit() -> None:
-    alone = "method: two_stage, treatment: {radius: fixed, mass: fixed, albedo: fixed, bias: considered}"
-    assert "two_stage separates the orbit from what else is estimated, and nothing else is" in refusal(
-        ("method: recursive", alone), PRIOR_SIGMA
-    )
-    drifting = (
-        "bias: {sigma: 0.05 arcsec, treatment",
-        "bias: {sigma: 0.05 arcsec, correlation: gauss_markov, time: 9 d, treatment",
-    )
-    drifts = ("method: recursive", "method: hsieh_chen, treatment: {radius: fixed, mass: fixed, albedo: fixed}")
-    assert mission(drifts, PRIOR_SIGMA, drifting).estimators[3].method == "hsieh_chen"
-
-
 def test_the_filter_as_printed_considers_what_it_is_asked_to_estimate() -> None:
     got = mission(("method: recursive", "method: as_printed"), PRIOR_SIGMA)
     printed, source = got.estimators[3], {source.name: source for source in got.sources}
