@@ -14,7 +14,7 @@ from nebosvod.dynamics import Ephemeris
 from nebosvod.engine.assembly import computed_psi, linear_problem, nominal_view
 from nebosvod.engine.fitting import Fit, fit
 from nebosvod.engine.montecarlo import Sample, consistency, repeat_all
-from nebosvod.engine.truth import draw
+from nebosvod.engine.truth import draw, undrawn
 from nebosvod.errors import InputError, NebosvodError, noting
 from nebosvod.estimation import Status
 from nebosvod.findings.assessment import assess
@@ -47,12 +47,16 @@ SPLIT_HINT = (
 )
 
 
-def run(mission: Mission, seed: int = 0, progress: Callable[[str], None] | None = None) -> Result:
+def run(
+    mission: Mission, seed: int = 0, progress: Callable[[str], None] | None = None, *, nominal: bool = False
+) -> Result:
     """Run a mission: simulate its measurements, estimate, predict, and say which source is to blame for how much.
 
     Parameters
     ----------
     seed : of the simulated truth and noise; the same seed gives the same result.
+    nominal : whether no error is drawn: the accuracy is then that about the reference orbit itself, and two missions
+        differ by what was changed in them alone.
     progress : called with one line of text at each stage.
 
     Raises
@@ -67,24 +71,27 @@ def run(mission: Mission, seed: int = 0, progress: Callable[[str], None] | None 
     scene = build_scene(mission)
     priors = prior_table(mission, scene.forces, scene.state)
     say("simulating the measurements")
-    nominal = nominal_view(scene)
-    truth = draw(scene, priors, np.random.default_rng(np.random.SeedSequence(seed)), nominal.point)
+    seen = nominal_view(scene)
+    if nominal:
+        truth = undrawn(seen, priors)
+    else:
+        truth = draw(scene, priors, np.random.default_rng(np.random.SeedSequence(seed)), seen.point)
     fits = []
     for estimator in mission.estimators:
         say(f"estimating: {estimator.name}")
-        fits.append(judged(scene, fit(scene, estimator, nominal, truth.psi, truth.priors)))
+        fits.append(judged(scene, fit(scene, estimator, seen, truth.psi, truth.priors)))
     say("predicting")
     foretold = {one.estimator.name: foretell(scene, one) for one in fits}
-    samples = _samples(scene, nominal, priors, fits, seed, say)
+    samples = _samples(scene, seen, priors, fits, seed, say)
     say("taking the accuracy apart")
-    base = linear_problem(scene, mission.estimators[0], nominal, computed_psi(nominal), priors, about=nominal.point)
-    findings = assess(scene, fits, foretold, samples, seed, (base, nominal))
+    base = linear_problem(scene, mission.estimators[0], seen, computed_psi(seen), priors, about=seen.point)
+    findings = assess(scene, fits, foretold, samples, seed, (base, seen))
     trials = {name: consistency(sample) for name, sample in samples.items()}
     return Result(
-        summary=run_summary.summarise(scene, priors, fits, findings, trials),
-        manifest=manifest(scene, seed, started, fits),
-        arrays=run_tables.all_arrays(scene, nominal, fits, truth.psi) | dict(findings.arrays),
-        tables=run_tables.all_tables(scene, nominal, fits, truth.psi, findings),
+        summary=run_summary.summarise(scene, priors, fits, findings, trials, drawn=not nominal),
+        manifest=manifest(scene, seed, started, fits) | ({"drawn": False} if nominal else {}),
+        arrays=run_tables.all_arrays(scene, seen, fits, truth.psi) | dict(findings.arrays),
+        tables=run_tables.all_tables(scene, seen, fits, truth.psi, findings),
     )
 
 

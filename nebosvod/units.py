@@ -77,6 +77,54 @@ ACCELERATION = _dimension(
     "non-gravitational parameter", "a", "-2.9e-14 au/d^2", {"au/d^2": 1.0}, au_per_d2="au/d^2", AU_per_d2="au/d^2"
 )  # fmt: skip
 RATIO = _dimension("ratio", "a", "20 dB", {"dB": 1.0})
+# How else people write units: (unit, how many of it), told in the message, never read. Seconds of arc and of time share
+# no spelling: `"` and `'` are of angles.
+_SPELT: Mapping[str, tuple[str, float]] = {
+    spelling: meant
+    for spellings, meant in (
+        ("sec secs second seconds", ("s", 1.0)),
+        ("msec msecs millisecond milliseconds", ("ms", 1.0)),
+        ("us µs microsecond microseconds", ("ms", 1e-3)),
+        ("mins minute minutes", ("min", 1.0)),
+        ("hr hrs hour hours", ("h", 1.0)),
+        ("day days", ("d", 1.0)),
+        ("wk week weeks", ("d", 7.0)),
+        ("mo mon month months", ("d", 30.4375)),
+        ("y a yrs year years", ("yr", 1.0)),
+        ("\" '' ″ ” as asec arcs arcsecs arcsecond arcseconds", ("arcsec", 1.0)),
+        ("milliarcsec milliarcsecs milliarcsecond milliarcseconds", ("mas", 1.0)),
+        ("uas µas microarcsec microarcsecs microarcsecond microarcseconds", ("mas", 1e-3)),
+        ("' ′ ’ amin arcmins arcminute arcminutes", ("arcmin", 1.0)),
+        ("° degs", ("deg", 1.0)),
+        ("rads radian radians", ("rad", 1.0)),
+        ("mrad mrads milliradian milliradians", ("rad", 1e-3)),
+        ("urad µrad microrad microradian microradians", ("rad", 1e-6)),
+        ("mm millimetre millimetres millimeter millimeters", ("m", 1e-3)),
+        ("cm centimetre centimetres centimeter centimeters", ("m", 1e-2)),
+        ("ms metre metres meter meters", ("m", 1.0)),
+        ("kms kilometre kilometres kilometer kilometers", ("km", 1.0)),
+        ("ua aus astronomical_unit astronomical_units", ("au", 1.0)),
+        ("mps m/sec metres/second meters/second metres/s meters/s m_s m.s-1 ms-1", ("m/s", 1.0)),
+        ("mmps mm/sec mm_s", ("mm/s", 1.0)),
+        ("cm/s cm/sec", ("m/s", 1e-2)),
+        ("kps km/sec kilometres/second kilometers/second km_s km.s-1 kms-1", ("km/s", 1.0)),
+        ("km/h km/hr kmh kph", ("m/s", 1.0 / 3.6)),
+        ("au/day", ("au/d", 1.0)),
+        ("kgs kilogram kilograms", ("kg", 1.0)),
+        ("g gram grams", ("kg", 1e-3)),
+        ("t ton tons tonne tonnes", ("kg", 1e3)),
+        ("kg/m3 kg/m**3 kg/m³", ("kg/m^3", 1.0)),
+        ("g/cm3 g/cm**3 g/cm³ g/cc", ("g/cm^3", 1.0)),
+        ("au/d2 au/d**2 au/d² au/day^2 au/day2 au/day**2", ("au/d^2", 1.0)),
+        ("arcsec/day \"/d \"/day as/d", ("arcsec/d", 1.0)),
+        ("mas/day", ("mas/d", 1.0)),
+        ("arcsec/hr arcsec/hour \"/h as/h", ("arcsec/h", 1.0)),
+        ("arcsec/min \"/min as/min", ("arcsec/h", 60.0)),
+        ("deg/day °/d", ("deg/d", 1.0)),
+        ("decibel decibels", ("dB", 1.0)),
+    )
+    for spelling in spellings.split()
+}  # fmt: skip
 DIMENSIONS = (RATIO, ANGLE, ANGLE_RATE, LENGTH, SPEED, DURATION, RADIUS, MASS, DENSITY, ACCELERATION)
 
 
@@ -149,13 +197,34 @@ def _unit_hint(unit: str, number: str, dimension: Dimension) -> str:
     """What the user may have meant by a unit that does not fit."""
     if unit.startswith(","):
         return "; the decimal mark is a point"
+    if re.search(r"\d\s*[a-z]", unit.split("/")[0].split("^")[0], re.IGNORECASE):
+        return f'; one number with one unit, for example "{dimension.example}"'
     if not unit:
         return f'; try "{number} {dimension.example.split()[-1]}"'
+    if meant := respelt(number, unit, dimension):
+        return f'; did you mean "{meant}"?'
     near = get_close_matches(unit, [*dimension.factors, *dimension.aliases], 1, 0.5)
     if near:
         return f'; did you mean "{number} {dimension.aliases.get(near[0], near[0])}"?'
     other = next((d for d in DIMENSIONS if unit in d.factors), None)
     return f"; {unit} is a unit of {other.name}" if other else ""
+
+
+def respelt(number: str, unit: str, dimension: Dimension) -> str:
+    """A quantity as it is written here, where its unit is spelt as others spell it; empty where it is not."""
+    words = unit.replace(" per ", "/").replace(" / ", "/").strip().replace(" ", "_")
+    for word in (words, words.lower(), words.removesuffix(".")):
+        own = (dimension.aliases.get(word, word), 1.0)
+        name, factor = own if own[0] in dimension.factors else _SPELT.get(word, own)
+        if name in dimension.factors:
+            return f"{number if factor == 1.0 else format(float(number) * factor, '.12g')} {name}"
+    return ""
+
+
+def meant_quantity(text: str, dimension: Dimension) -> str:
+    """A quantity as it is written here, from a text that says it in any spelling; empty where it says none."""
+    match = _QUANTITY.fullmatch(text.strip()) if len(text) <= _LONGEST else None
+    return "" if match is None or not match[2].strip() else respelt(match[1], match[2].strip(), dimension)
 
 
 def _cut(text: str) -> str:

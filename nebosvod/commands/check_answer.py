@@ -1,7 +1,12 @@
-"""What a mission resolves to, in words: the output of `nebosvod check`. Loads nothing heavy."""
+"""What a mission resolves to, in words: the output of `nebosvod check`; the orbit is flown to tell what is seen."""
 
+from collections.abc import Sequence
+
+from nebosvod.errors import InputError, NebosvodError
 from nebosvod.mission import Mission, Source, Telescope, estimate_cost
 from nebosvod.units import ARCSEC, DEG
+
+MOST_LOOKS = 2000  # of a telescope's epochs that `check` looks at
 
 
 def answer(mission: Mission) -> tuple[str, tuple[str, ...]]:
@@ -14,10 +19,35 @@ def answer(mission: Mission) -> tuple[str, tuple[str, ...]]:
         from nebosvod.scene.instruments import telescopes
 
         telescopes(mission)
-    return describe(mission), ()
+    return describe(mission, visible(mission)), ()
 
 
-def describe(mission: Mission) -> str:
+def visible(mission: Mission) -> list[str]:
+    """What each telescope sees of its schedule, in words; what keeps a run from telling it, where something does.
+
+    Raises
+    ------
+    InputError
+        If the ephemeris, the Earth's orientation or a telescope's trajectory do not reach what is scheduled.
+    """
+    from nebosvod.scene.scene import looked
+    from nebosvod.scene.seeing import seen_words
+
+    try:
+        found = looked(mission, MOST_LOOKS)
+    except InputError:
+        raise
+    except NebosvodError as error:
+        return [f"cannot be told, and a run would end with this: {error}"]
+    lines = [
+        f"{telescope.name}: {seen_words(telescope, seen, mission.times_s(telescope.name).size, mission)}"
+        for telescope, seen in found
+    ]
+    nothing = not any(seen.visible.any() for _, seen in found)
+    return [*lines, "nothing at all, so a run would end without an answer"] if nothing else lines
+
+
+def describe(mission: Mission, seen: Sequence[str] = ()) -> str:
     """The mission as understood: object, telescopes, schedule, estimators, predictions, cost."""
     lines = [
         f"{mission.name}: {mission.title or mission.name}",
@@ -41,7 +71,7 @@ def describe(mission: Mission) -> str:
     for arc in mission.schedule:
         who = "all telescopes" if arc.telescopes == "all" else ", ".join(arc.telescopes)
         lines.append(f"schedule         {who}: {arc.start} to {arc.end}, {arc.count} epochs")
-    lines.append("visible          a run counts how many of these each telescope sees, and why not the others")
+    lines += [f"visible          {line}" for line in seen]
     lines.append(f"prior orbit      {_prior(mission)}")
     for estimator in mission.estimators:
         changed = "".join(f", {group} {how}" for group, how in estimator.treatment.items())

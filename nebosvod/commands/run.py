@@ -11,9 +11,10 @@ from nebosvod.errors import EXIT_QUALITY
 @click.argument("mission")
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="Run folder [default: ./<mission name>-run].")
 @click.option("--seed", type=click.IntRange(0, 2**63 - 1), default=0, show_default=True, help="Seed of the simulation.")
+@click.option("--nominal", is_flag=True, help="Draw no error: the accuracy about the reference orbit itself.")
 @click.option("--overwrite", is_flag=True, help="Replace an earlier run in the same folder.")
 @click.option("--json", "as_json", is_flag=True, help="Print summary.json, and nothing else, on stdout.")
-def run(mission: str, output: Path | None, seed: int, overwrite: bool, as_json: bool) -> int:
+def run(mission: str, output: Path | None, seed: int, nominal: bool, overwrite: bool, as_json: bool) -> int:
     """Run MISSION (a file or a built-in name) and write its run folder and report.
 
     \b
@@ -29,7 +30,7 @@ def run(mission: str, output: Path | None, seed: int, overwrite: bool, as_json: 
     with stages() as progress, OwnedFolder(folder, report_text, overwrite=overwrite) as target:
         from nebosvod.pipeline import run as run_mission
 
-        result = run_mission(loaded, seed=seed, progress=progress)
+        result = run_mission(loaded, seed=seed, progress=progress, nominal=nominal)
         progress("writing the run folder and its report")
         target.publish(result)
     if as_json:

@@ -38,7 +38,7 @@ def print_answer(summary: Mapping[str, Any], folder: Path, console: Console | No
     for line in _predictions(summary):
         out.print(_plain(line))
     if summary["budget"]:
-        out.print(_budget(summary))
+        out.print(_blamed(summary))
     if summary.get("shifts"):
         out.print(_shifts(summary))
     for line in (*_trials(summary), *diagnosis_lines(summary), *_cautions(summary)):
@@ -137,8 +137,12 @@ def _percent(share: float) -> str:
     return f"{100.0 * share:.0f} %" if share >= 0.095 else f"{100.0 * share:.1f} %"
 
 
-def _budget(summary: Mapping[str, Any]) -> Table:
+def _blamed(summary: Mapping[str, Any]) -> Table:
+    """What is to blame for the first prediction; for the position at the reference epoch where nothing is predicted."""
     first = summary["budget"][0]["estimator"]
+    told = [row for row in answered(summary["predictions"]) if row["estimator"] == first and row["budget"]]
+    if told:
+        return _budget_of(told[0], first)
     rows = sorted(
         (row for row in summary["budget"] if row["estimator"] == first), key=lambda row: -row["share_position"]
     )
@@ -147,6 +151,23 @@ def _budget(summary: Mapping[str, Any]) -> Table:
     for row in rows[:BUDGET_ROWS]:
         sigmas = (row["sigma_position_km"], row["sigma_velocity_m_s"])
         table.add_row(_plain(row["source"]), _percent(row["share_position"]), *(_number(sigma) for sigma in sigmas))
+    return table
+
+
+def _budget_of(prediction: Mapping[str, Any], estimator: str) -> Table:
+    """Each source of one prediction: its share, its own sigma, and what would be left without its error."""
+    key = f"sigma_total_{unit_of(prediction)}"
+    unit = UNITS.get(unit_of(prediction), unit_of(prediction))
+    after = f", {unit}" if unit else ""
+    total = sum(sigma * sigma for sigma in prediction[f"sigma_{unit_of(prediction)}"]) ** 0.5
+    name = f"{prediction['name']} ({prediction['plane']})"
+    title = (
+        f"\nWhat is to blame for {_plain(name)} by {_plain(estimator)}: total sigma {_number(total)} {unit}".rstrip()
+    )
+    table = _table(title, ("source",), ("share", f"its sigma{after}", f"total without it{after}"))
+    for row in sorted(prediction["budget"], key=lambda row: -row["share_total"])[:BUDGET_ROWS]:
+        left = (row.get("if_vanished") or {}).get(f"{key}_new_gain")
+        table.add_row(_plain(row["source"]), _percent(row["share_total"]), _number(row.get(key)), _number(left))
     return table
 
 

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from nebosvod.engine.assembly import drawn_noise, nominal_view, view
+from nebosvod.engine.assembly import computed_psi, drawn_noise, nominal_view, view
 from nebosvod.observation import draw_truth, measure
-from nebosvod.scene.point import Point
+from nebosvod.scene.point import Point, View
 from nebosvod.scene.prior import PriorTable
 from nebosvod.scene.scene import Scene
 
@@ -67,3 +67,8 @@ def draw(scene: Scene, priors: PriorTable, rng: np.random.Generator, nominal: Po
         off=off,
         priors=priors.moved(off),
     )
+
+
+def undrawn(nominal: View, priors: PriorTable) -> Truth:
+    """The truth in which no error was drawn: what is measured is what is computed at the nominal point."""
+    return Truth(point=nominal.point, nuisances={}, psi=computed_psi(nominal), off={}, priors=priors)

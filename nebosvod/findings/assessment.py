@@ -12,7 +12,7 @@ import numpy.typing as npt
 from nebosvod.engine.fitting import Fit
 from nebosvod.engine.montecarlo import Sample
 from nebosvod.engine.quantity import Quantity
-from nebosvod.estimation import LinearProblem
+from nebosvod.estimation import LinearProblem, Status
 from nebosvod.findings import blame
 from nebosvod.findings.blame import Kind, StateShare, Worlds, kind_of_problem, state_shares
 from nebosvod.findings.comparison import Accuracies, comparison
@@ -26,6 +26,7 @@ from nebosvod.findings.prediction import Answered, Prediction, of_fit
 from nebosvod.findings.ratio import NoiseRatio, ratio
 from nebosvod.findings.required import RequiredPosition, required
 from nebosvod.findings.shifts import Shift, shifts
+from nebosvod.findings.what_if import WhatIf, what_if
 from nebosvod.mission.reading.cost import CLONES_MOST
 from nebosvod.mission.slugs import array_name
 from nebosvod.scene.point import View
@@ -47,6 +48,7 @@ class Findings:
     shifts : of the estimate and the predictions, by every source whose mean is not as assumed.
     inside : of the leading estimate, what the mission asks to see; None where that is nothing.
     diagnosis : what the residuals say to the estimator of least squares that leaves out least; None without one.
+    what_if : the problem behind the predictions of the estimator that the report speaks of; None without predictions.
     """
 
     budget: tuple[StateShare, ...]
@@ -59,6 +61,7 @@ class Findings:
     inside: Inside | None
     arrays: Mapping[str, Array]
     diagnosis: Diagnosis | None = None
+    what_if: WhatIf | None = None
 
 
 def assess(
@@ -103,6 +106,8 @@ def assess(
     five = tuple(comparison(scene, different, predicted, samples))
     asked = most_complete(fit for fit in found if not fit.own_gain)
     diagnosis = None if asked is None else diagnose(scene, asked, five)
+    main = next((fit for fit in found if fit.status is Status.CONVERGED), None)
+    kept = what_if(main, predicted[main.estimator.name]) if main and predicted[main.estimator.name] else None
     return Findings(
         budget=tuple(row for fit in found for row in state_shares(scene, fit, own[fit.estimator.name])),
         predictions=tuple(rows),
@@ -112,8 +117,9 @@ def assess(
         accuracies=five,
         shifts=tuple(row for fit in found for row in shifts(fit, predicted[fit.estimator.name])),
         inside=shown,
-        arrays=ratio_arrays | points | _arrays(shown, diagnosis),
+        arrays=ratio_arrays | points | _arrays(shown, diagnosis) | (dict(kept.arrays) if kept else {}),
         diagnosis=diagnosis,
+        what_if=kept,
     )
 
 

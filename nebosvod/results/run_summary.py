@@ -25,6 +25,7 @@ from nebosvod.observation.earth.sites import GroundSite
 from nebosvod.results import prediction_rows, rows
 from nebosvod.results.diagnosis_rows import diagnosis_block
 from nebosvod.results.outlook import bent_words
+from nebosvod.results.what_if_rows import what_if_block
 from nebosvod.scene.prior import STATE_NAMES, PriorTable
 from nebosvod.scene.process_noise import process_noise_of
 from nebosvod.scene.scene import PlannedScene, Scene
@@ -33,6 +34,7 @@ from nebosvod.units import ARCSEC
 
 Array = npt.NDArray[np.float64]
 SCHEMA_VERSION = 1
+UNDRAWN = "no error was drawn: what is measured is what the reference orbit shows"
 
 
 def summarise(
@@ -41,8 +43,16 @@ def summarise(
     fits: Sequence[Fit],
     findings: Findings,
     trials: Mapping[str, Consistency],
+    *,
+    drawn: bool = True,
 ) -> dict[str, Any]:
-    """Build the summary of a run; `trials` : what Monte Carlo says of each estimator, empty without."""
+    """Build the summary of a run.
+
+    Parameters
+    ----------
+    trials : what Monte Carlo says of each estimator, empty without.
+    drawn : whether errors were drawn into the measurements.
+    """
     mission = scene.mission
     return {
         "schema_version": SCHEMA_VERSION,
@@ -56,7 +66,7 @@ def summarise(
         "reference": {"position_km": scene.state[:3].tolist(), "velocity_km_s": scene.state[3:].tolist()},
         "visibility": visibility_rows(scene),
         "physics": physics(scene),
-        "assumptions": _assumptions(scene),
+        "assumptions": [*_assumptions(scene), *([] if drawn else [UNDRAWN])],
         "estimators": [estimator_row(scene, priors, fit) for fit in fits],
         "budget": [rows.state_share(one) for one in findings.budget],
         **({"shifts": [rows.shift(one) for one in findings.shifts]} if findings.shifts else {}),
@@ -67,6 +77,7 @@ def summarise(
         "curves": [rows.curve(one) for one in findings.curves],
         "accuracy_comparison": rows.accuracy_comparison(findings.accuracies),
         "warnings": [*_unknown_prior(priors), *_warnings(scene, fits, findings)],
+        **what_if_block(findings.what_if, scene.mission),
         **diagnosis_block(findings.diagnosis, scene.epoch),
         **rows.consistency_block(trials),
     }

@@ -29,6 +29,7 @@ from nebosvod.scene.imaging import imaged
 from nebosvod.scene.instruments import nuisance, telescopes
 from nebosvod.scene.logarithmic import LogarithmicForces
 from nebosvod.scene.process_noise import reached
+from nebosvod.scene.seeing import nearest_words
 from nebosvod.scene.sharing import ALONE, Shared, aimed, flown
 from nebosvod.timescale import SECONDS_PER_DAY, Epoch
 
@@ -138,7 +139,7 @@ def build_scene(mission: Mission, shared: Shared = ALONE) -> PlannedScene:
             )
             for block, telescope in zip(mission.telescopes, instruments)
         )
-        _require_seen(instruments, visibilities)
+        _require_seen(instruments, visibilities, mission)
     exposures, sources, nuisances = measured(mission, instruments, visibilities, ephemeris, shared)
     exposures = imaged(mission, exposures, trajectory)
     nuisances = tuple(reached(one, trajectory) for one in nuisances)
@@ -173,13 +174,40 @@ def require_epochs(mission: Question, ephemeris: Ephemeris) -> None:
             ephemeris.require(epoch, 0.0, asteroids=mission.force_model.asteroids)
 
 
-def _visibility(mission: Mission, telescope: Telescope, trajectory: Trajectory) -> Visibility:
-    """What a telescope sees of its scheduled epochs."""
+def looked(mission: Mission, most: int) -> tuple[tuple[Telescope, Visibility], ...]:
+    """What each telescope sees of its schedule, without partials, at `most` of its epochs, evenly picked, or all.
+
+    Raises
+    ------
+    NebosvodError
+        As `build_scene`, but for a schedule of which nothing is seen.
+    """
+    ephemeris = load_ephemeris(mission)
+    forces = force_model(mission, ephemeris)
+    require_epochs(mission, ephemeris)
+    times = _measured(mission)
+    span = covered(
+        (min(times) - MARGIN_S, max(times) + MARGIN_S), (min(times), max(times)), forces, mission.reference_epoch
+    )
+    with asking(mission, "object", "orbit"):
+        state = state_at(mission.object.orbit, mission.reference_epoch, forces)
+    with asking(mission, "schedule"):
+        trajectory = follow(state, mission.reference_epoch, span, max(times), forces, False)
+        return tuple(
+            (telescope, _visibility(mission, telescope, trajectory, most)) for telescope in telescopes(mission)
+        )
+
+
+def _visibility(mission: Mission, telescope: Telescope, trajectory: Trajectory, most: int | None = None) -> Visibility:
+    """What a telescope sees of its scheduled epochs, or of `most` of them."""
     magnitude, ephemeris = mission.object.magnitude, trajectory.forces.ephemeris
     law = (magnitude.H, magnitude.G) if magnitude is not None else None
     try:
         _require_outside(mission, telescope, ephemeris)
-        return visibility(telescope, trajectory, mission.times_s(telescope.name), ephemeris, law)
+        t_s = mission.times_s(telescope.name)
+        if most is not None and t_s.size > most:
+            t_s = t_s[np.linspace(0, t_s.size - 1, most).round().astype(np.int64)]
+        return visibility(telescope, trajectory, t_s, ephemeris, law)
     except CoverageError as error:
         error.say_place(place(mission, ("schedule", _asking_too_much(mission, telescope, ephemeris))))
         error.args = (f"{error} (telescope {telescope.name})",)
@@ -213,11 +241,14 @@ def _asking_too_much(mission: Mission, telescope: Telescope, ephemeris: Ephemeri
     return 0
 
 
-def _require_seen(instruments: Sequence[Telescope], visibilities: Sequence[Visibility]) -> None:
-    """Refuse a schedule of which nothing is seen, and say which limit is to blame."""
+def _require_seen(instruments: Sequence[Telescope], visibilities: Sequence[Visibility], mission: Mission) -> None:
+    """Refuse a schedule of which nothing is seen, and say which limit is to blame and by how much."""
     if any(seen.visible.any() for seen in visibilities):
         return
-    lines = [f"{telescope.name}: {seen.explain()}" for telescope, seen in zip(instruments, visibilities)]
+    lines = [
+        f"{telescope.name}: {seen.explain()}{nearest_words(telescope, seen, mission)}"
+        for telescope, seen in zip(instruments, visibilities)
+    ]
     raise UnseenError(
         f"no epoch is visible; nothing to estimate from ({'; '.join(lines)}); loosen that limit or move the schedule"
     )

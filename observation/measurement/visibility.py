@@ -16,6 +16,8 @@ from nebosvod.observation.measurement.sight import Sight, sight
 from nebosvod.observation.measurement.telescope import Telescope
 
 Mask = npt.NDArray[np.bool_]
+HALF_A_DEGREE = 0.5 * np.pi / 180.0  # rad
+ONE_TENTH_MAG = 0.1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -35,6 +37,8 @@ class Visibility:
     psi : (n, 2) astrometric RA and Dec, rad.
     altitude_rad, sun_altitude_rad : (n,) of the target and of the Sun's centre above the horizon of a ground site
         (geodetic vertical, no refraction); nan of any other telescope.
+    short : for each limit, (n,) how much is missing where it removes the exposure, rad or mag; 0 elsewhere, nan for
+        "duty".
     """
 
     t_s: Array
@@ -49,6 +53,7 @@ class Visibility:
     psi: Array
     altitude_rad: Array
     sun_altitude_rad: Array
+    short: Mapping[str, Array]
 
     @property
     def counts(self) -> dict[str, int]:
@@ -60,6 +65,20 @@ class Visibility:
         lost = ", ".join(f"{limit} {count}" for limit, count in self.counts.items() if count)
         seen = f"{np.count_nonzero(self.visible)} of {self.t_s.size} epochs visible"
         return f"{seen}; removed by {lost}" if lost else seen
+
+    @property
+    def nearest(self) -> int | None:
+        """Number of the exposure, of those that are lost, that the fewest and smallest shortfalls remove.
+
+        Half a degree weighs as a tenth of a magnitude; an exposure off duty comes last. None where nothing is lost.
+        """
+        if self.t_s.size == 0 or self.visible.all():
+            return None
+        missing = np.zeros(self.t_s.size)
+        for limit, lack in self.short.items():
+            unit = ONE_TENTH_MAG if limit == "magnitude" else HALF_A_DEGREE
+            missing += np.where(np.isnan(lack), np.where(self.removed[limit], 1e6, 0.0), lack / unit)
+        return int(np.argmin(np.where(self.visible, np.inf, missing)))
 
 
 @bordered()
@@ -118,6 +137,14 @@ def visibility(
         # nan > limit is False: without H, G the brightness limits nothing
         "magnitude": limit < V + loss,
     }
+    lacks = {
+        "twilight": _lack(-sun_altitude, _negative(telescope.sun_altitude_rad)),
+        "sun": _lack(sun_angle, telescope.exclusion_sun_rad) + _lack(-sun_angle, _negative(telescope.largest_sun_rad)),
+        "altitude": _lack(altitude, telescope.altitude_rad),
+        "earth": _lack(earth_limb, telescope.exclusion_earth_rad or 0.0),
+        "moon": _lack(moon_limb, telescope.exclusion_moon_rad or 0.0),
+        "magnitude": V + loss - limit,
+    }
     masks = list(removed.values())
     return Visibility(
         t_s=line.t_s,
@@ -132,12 +159,21 @@ def visibility(
         psi=line.psi,
         altitude_rad=altitude,
         sun_altitude_rad=sun_altitude,
+        short={
+            name: np.where(mask, lacks[name], 0.0) if name in lacks else np.full(line.t_s.size, np.nan)
+            for name, mask in removed.items()
+        },
     )
 
 
 def _closer(angle: Array, limit: float | None) -> Mask:
     """Where the angle is below the limit, if there is one."""
     return np.zeros(angle.shape, dtype=np.bool_) if limit is None else angle < limit
+
+
+def _lack(angle: Array, limit: float | None) -> Array:
+    """By how much the angle is below the limit, rad; 0 where it is not."""
+    return np.zeros(angle.shape) if limit is None else np.maximum(limit - angle, 0.0)
 
 
 def _negative(limit: float | None) -> float | None:

@@ -12,6 +12,7 @@ from pydantic_core import ErrorDetails
 from nebosvod.mission.fields import Complaints, KeyPath
 from nebosvod.mission.found import FOUND
 from nebosvod.mission.model import Mission
+from nebosvod.mission.reading import forms
 from nebosvod.mission.yaml.inherit import Aliases, original
 from nebosvod.mission.yaml.yamlfile import Mark, Problem, Tree, YamlFile, dotted, shown
 
@@ -91,11 +92,14 @@ class Explainer:
         if kind == "union_tag_not_found":
             tag = context["discriminator"].strip("'")
             if not isinstance(self._value(path), dict):
-                return [self.problem(path, f"needs a block of keys{self._got(path)}")]
+                text = f"needs a block of keys{self._got(path)}{forms.block_hint(path, self._value(path))}"
+                return [self.problem(path, text)]
             return [self.problem((*path, tag), "is missing; it says which form the block has")]
         if kind == "union_tag_invalid":
             tag = context["discriminator"].strip("'")
-            return [self.problem((*path, tag), _choice(str(context["tag"]), context["expected_tags"]))]
+            said = str(context["tag"])
+            hint = forms.kind_hint(path, said) if tag == "kind" else ""
+            return [self.problem((*path, tag), _choice(said, context["expected_tags"], hint))]
         if kind == "value_error" and isinstance(context["error"], Complaints):
             return [self.problem((*path, *at), text) for at, text in context["error"].items]
         return [self.problem(path, self._sentence(kind, context, path, detail["msg"]))]
@@ -107,16 +111,24 @@ class Explainer:
 
     def _sentence(self, kind: str, context: Mapping[str, Any], path: KeyPath, message: str) -> str:
         if kind == "value_error":
-            return str(context["error"])
+            spread = forms.spread_hint(path, self._value(path))
+            return (
+                f"needs one number with a unit, or a block{self._got(path)}{spread}"
+                if spread
+                else str(context["error"])
+            )
         if kind == "literal_error":
             value = self._value(path)
             return (
-                _choice(str(value), context["expected"])
+                _choice(str(value), context["expected"], forms.prior_hint(path, value))
                 if isinstance(value, str)
                 else (f"is not one of the choices{self._got(path, context['expected'])}")
             )
         if kind in _KINDS:
-            return f"needs {_KINDS[kind]}{self._got(path)}"
+            hint = forms.block_hint(path, self._value(path)) if "block" in _KINDS[kind] else ""
+            if kind == "tuple_type" and isinstance(self._value(path), dict):
+                hint = f"; put a dash before its first key, or write {path[-1]}: [{{...}}]"
+            return f"needs {_KINDS[kind]}{self._got(path)}{hint or forms.spread_hint(path, self._value(path))}"
         if kind in _BOUNDS:
             return f"is out of range{self._got(path, _BOUNDS[kind].format(**context))}"
         if kind == "finite_number":
@@ -172,11 +184,12 @@ def _near_key(root: type[BaseModel], location: tuple[int | str, ...]) -> str:
     return by_lower[near[0]] if near else ""
 
 
-def _choice(got: str, expected: str) -> str:
-    """A word that is not one of the choices."""
+def _choice(got: str, expected: str, form: str = "") -> str:
+    """A word that is not one of the choices; `form` is told where it is not a choice misspelt."""
     words = _QUOTED.findall(expected)
-    near = get_close_matches(got[:40], words, 1, 0.5)
-    hint = f'; did you mean "{near[0]}"?' if near else ""
+    meant = forms.other_word(got[:40], words)
+    near = [meant] if meant else get_close_matches(got[:40], words, 1, 0.8 if form else 0.5)
+    hint = f'; did you mean "{near[0]}"?' if near else form
     return f'is not one of the choices (got "{shown(got, 60)}"; allowed {", ".join(words)}){hint}'
 
 

@@ -18,12 +18,13 @@ from nebosvod.version import __version__
 HERE = Path(__file__).parent.parent
 
 
-def render(template: str, *, stamp: Sequence[str] = (), **words: Any) -> str:
+def render(template: str, *, stamp: Sequence[str] = (), scripts: Sequence[str] = (), **words: Any) -> str:
     """Fill a template of this folder that extends base.html; the same words give the same bytes.
 
     Parameters
     ----------
     template : file name beside this module.
+    scripts : further scripts of this folder that the page needs.
     words : what the template speaks of. base.html itself needs `title` (the heading) and `kind` (what the page is,
         as "Accuracy report"); both are escaped unless they are Markup.
 
@@ -36,7 +37,7 @@ def render(template: str, *, stamp: Sequence[str] = (), **words: Any) -> str:
     Every page is one file without any request: style and script stand in it, and its Content-Security-Policy allows
     nothing but them (the script by its hash) and `data:` images. A page must read completely without the script.
     """
-    script = (HERE / "script.js").read_text(encoding="utf-8")
+    script = "\n".join((HERE / name).read_text(encoding="utf-8") for name in ("script.js", *scripts))
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     made = [*stamp] or [f"nebosvod {__version__}"]
     page = _environment().get_template(template).render(

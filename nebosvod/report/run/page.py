@@ -24,6 +24,7 @@ from nebosvod.report.run import (
     trust,
     viewing,
     visibility,
+    what_if,
 )
 from nebosvod.report.run.verdict import Verdict, verdict, warnings
 from nebosvod.results.folder import Item, RunFolder, read_folder
@@ -70,6 +71,8 @@ def make_report(folder: Path) -> str:
         helps=[s for s in (advice.plan_sentence(run),) if s],
         mission_text=tables.mission_text(run),
         diagnosis=diagnosis.sentences(run),
+        what_if=what_if.sliders(run, main),
+        scripts=("what_if.js",),
     )
 
 

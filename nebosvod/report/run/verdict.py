@@ -132,6 +132,8 @@ def _orbit(run: RunFolder, main: Item) -> Markup:
     )
     seed = run.manifest.get("seed")
     made = "" if seed is None else f" simulated (seed {seed}: one truth drawn about the mission's nominal values)"
+    if not run.manifest.get("drawn", True):
+        made = " simulated (no error drawn, about the reference orbit itself)"
     return Markup(
         "At {}, {}{} of {}{} give the heliocentric position of {} to {} and its velocity to {} (1σ, root trace){}."
     ).format(

@@ -119,7 +119,9 @@ def found_by_check(folder: Path, text: str, code: int, capsys: pytest.CaptureFix
 
 
 def fails(folder: Path, text: str, code: int, capsys: pytest.CaptureFixture[str], command: str = "run") -> str:
-    """What a mission that fails in a run says; `check` lets it pass."""
+    """What a mission that fails in a run says; `check` lets it pass unless it is wrong, and then says the same."""
+    if code == 2:
+        return found_by_check(folder, text, code, capsys, command)
     (folder / "m.yaml").write_text(text, "utf-8")
     assert main(["check", str(folder / "m.yaml")]) == 0
     capsys.readouterr()
@@ -167,6 +169,39 @@ def test_a_table_of_a_telescope_that_ends_too_soon(tmp_path: Path, capsys: pytes
 def test_nothing_seen(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     text = MINIMAL.replace("    noise: {sigma", "    exclusion: {sun: 179.9 deg}\n    noise: {sigma")
     assert place_of(text, "schedule:", "schedule") + "no epoch is visible" in fails(tmp_path, text, 1, capsys)
+    assert main(["check", str(tmp_path / "m.yaml")]) == 0
+    said = capsys.readouterr().out
+    assert "visible          nothing at all, so a run would end without an answer" in said
+    assert re.search(r"ahead: 0 of 31 epochs \(not by sun 31\).*; nearest at 2028-.*deg too near", said)
+
+
+def test_what_is_seen_is_told_before_a_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The counts of `check` are those of the run, the magnitudes those of its table."""
+    text = MINIMAL.replace("  name: Example", "  name: Example\n  magnitude: {H: 27}")
+    V = [seen.apparent_magnitude for seen in build_scene(load_mission_text(text)).visibilities]
+    limit = round(float(np.sort(V[1])[15]), 2)  # the half of what the fainter view sees
+    text = text.replace("    noise: {sigma", f"    limiting_magnitude: {limit}\n    noise: {{sigma")
+    (tmp_path / "m.yaml").write_text(text, "utf-8")
+    assert main(["check", str(tmp_path / "m.yaml")]) == 0
+    said = capsys.readouterr().out
+    scene = build_scene(load_mission_text(text))
+    assert 0 < np.count_nonzero(V[1] <= limit) < 31
+    for telescope, every in zip(scene.telescopes, V):
+        bright = every[every <= limit]
+        lost = f" (not by magnitude {31 - bright.size})" if bright.size < 31 else ""
+        seen = f"{telescope.name}: {bright.size} of 31 epochs{lost}, V "
+        assert seen in said
+        assert f"{bright.min():.1f}" in said.partition(seen)[2].partition(f" (limit {limit:.4g})")[0]
+
+
+def test_how_far_the_nearest_epoch_is_from_its_limit(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The magnitude and its lack are those of the table without the limit."""
+    text = MINIMAL.replace("  name: Example", "  name: Example\n  magnitude: {H: 27}")
+    V = [seen.apparent_magnitude for seen in build_scene(load_mission_text(text)).visibilities]
+    text = text.replace("    noise: {sigma", "    limiting_magnitude: 15\n    noise: {sigma")
+    said = fails(tmp_path, text, 1, capsys)
+    for one in V:
+        assert f"V {one.min():.2f}, {one.min() - 15.0:.2f} mag fainter than 15" in said
 
 
 def test_an_orbit_that_ends_before_the_reference_epoch(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
