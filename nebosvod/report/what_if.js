@@ -527,7 +527,7 @@
     show(found);
     section.dataset.milliseconds = (performance.now() - started).toFixed(1);
   }
-  const later = () => { if (!asked) asked = requestAnimationFrame(update); };
+  const later = () => { if (!asked) asked = setTimeout(update, 0); };
   reset.addEventListener("click", () => { Object.assign(set, now()); update(); });
   section.whatIf = { model, set, solve: wanted => { const found = solve(wanted); return found && told(found); }, held: wanted => told(held(wanted)), now, update };
   section.hidden = false;
