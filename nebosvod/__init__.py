@@ -1,6 +1,6 @@
 """nebosvod: orbit determination of asteroids watched by space telescopes.
 
-Importing this package loads nothing heavy; `load_mission`, `run`, `read_orbit` and the rest come when first used.
+Importing this package loads nothing heavy; each name comes when first used.
 """
 
 from importlib import import_module
@@ -11,10 +11,23 @@ from nebosvod.borders.moved import listen
 from nebosvod.version import __version__
 
 if TYPE_CHECKING:
-    from nebosvod.mission import load_mission
+    from nebosvod.mission import Mission, load_mission
+    from nebosvod.notebook.answer import Alert, Approaches, Fit, Result, Risk, Sky
+    from nebosvod.notebook.campaigns import Comparison, Decision, Plan, Study, Validation
+    from nebosvod.notebook.verbs import (
+        alert,
+        approaches,
+        compare,
+        ephemeris,
+        fit,
+        fit_every,
+        plan,
+        risk,
+        run,
+        study,
+        validate,
+    )
     from nebosvod.orbits.uncertain import UncertainOrbit
-    from nebosvod.pipeline import run
-    from nebosvod.results.result import Result
     from nebosvod.scene.orbit import read_orbit
 
 # At the root of a checkout this folder goes before an installed package, and its stages stand beside it, not inside.
@@ -23,15 +36,52 @@ if (_CHECKOUT / "pyproject.toml").is_file() and (_CHECKOUT / "dynamics" / "__ini
     __path__.append(str(_CHECKOUT))
 
 listen()
-__all__ = ["Result", "UncertainOrbit", "__version__", "load_mission", "read_orbit", "run"]
+__all__ = [
+    "Alert",
+    "Approaches",
+    "Comparison",
+    "Decision",
+    "Fit",
+    "Mission",
+    "Plan",
+    "Result",
+    "Risk",
+    "Sky",
+    "Study",
+    "UncertainOrbit",
+    "Validation",
+    "__version__",
+    "alert",
+    "approaches",
+    "compare",
+    "ephemeris",
+    "fit",
+    "fit_every",
+    "load_mission",
+    "plan",
+    "read_orbit",
+    "risk",
+    "run",
+    "study",
+    "validate",
+]
 
 _HOME = {
-    "load_mission": "nebosvod.mission",
-    "read_orbit": "nebosvod.scene.orbit",
-    "run": "nebosvod.pipeline",
-    "Result": "nebosvod.results.result",
+    **dict.fromkeys(("Mission", "load_mission"), "nebosvod.mission"),
+    **dict.fromkeys(("Alert", "Approaches", "Fit", "Result", "Risk", "Sky"), "nebosvod.notebook.answer"),
+    **dict.fromkeys(("Comparison", "Decision", "Plan", "Study", "Validation"), "nebosvod.notebook.campaigns"),
+    **dict.fromkeys(
+        ("alert", "approaches", "compare", "ephemeris", "fit", "fit_every", "plan", "risk", "run", "study", "validate"),
+        "nebosvod.notebook.verbs",
+    ),
     "UncertainOrbit": "nebosvod.orbits.uncertain",
+    "read_orbit": "nebosvod.scene.orbit",
 }
+
+
+def __dir__() -> list[str]:
+    """What there is to call: the names of `__all__`, and what every module has."""
+    return sorted({*__all__, *(name for name in globals() if name.startswith("__"))})
 
 
 def __getattr__(name: str) -> Any:

@@ -113,6 +113,7 @@ ROOMS = (
     "nebosvod/pipeline",
     "nebosvod/studies",
     "nebosvod/commands",
+    "nebosvod/notebook",
     "nebosvod/cli",
 )
 DOORS = ("dynamics", "observation", "estimation", "nebosvod/mission")  # what a stage or room shows to those below it

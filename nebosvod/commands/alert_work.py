@@ -27,16 +27,7 @@ def answer_one(
 ) -> bool:
     """Answer for one object; returns whether too little is known for an answer."""
     started = time.time()
-    mission = None if _is_mission(files) else resolved(files, designations, since, until)
-    if mission is None:
-        if designations or since or until:
-            raise InputError(
-                "--object, --from, --to: choose observations, and a mission simulates its own; remove them"
-            )
-        found = of_mission(files[0], asked, say)
-    else:
-        (records,) = objects(mission, split=False)
-        found = of_records(records, mission, load_ephemeris(mission), asked, say)
+    found = found_for(files, designations, since, until, asked, say)
     if asked.output is not None:
         _publish(found, asked.output, asked.overwrite, str(files[0]), started)
     if asked.as_json:
@@ -44,6 +35,19 @@ def answer_one(
     else:
         print_alert(found.summary, asked.output)
     return not found.alert.enough
+
+
+def found_for(
+    files: Sequence[str], designations: Sequence[str], since: str | None, until: str | None, asked: Asked, say: Say
+) -> Answered:
+    """The answer for one object, or for a mission whose measurements are simulated."""
+    if not _is_mission(files):
+        mission = resolved(files, designations, since, until)
+        (records,) = objects(mission, split=False)
+        return of_records(records, mission, load_ephemeris(mission), asked, say)
+    if designations or since or until:
+        raise InputError("--object, --from, --to: choose observations, and a mission simulates its own; remove them")
+    return of_mission(files[0], asked, say)
 
 
 def _is_mission(files: Sequence[str]) -> bool:

@@ -4,8 +4,6 @@ from pathlib import Path
 
 import click
 
-from nebosvod.errors import InputError
-
 
 @click.command()
 @click.argument("orbit")
@@ -26,37 +24,21 @@ def approaches(
     \b
     Example:  nebosvod approaches 2024YR4.ke0 --from 2024-01-01 --to 2040-01-01
     """
-    import time
-
     from nebosvod.commands.approaches_answer import print_approaches
-    from nebosvod.commands.ephemeris_answer import asked_dates
+    from nebosvod.commands.orbit_work import approaches_of
     from nebosvod.commands.progress import stages
-    from nebosvod.dynamics import Ephemeris
-    from nebosvod.impacts.approaches import approaches as search
-    from nebosvod.results.approaches_folder import approaches_result, summarise
     from nebosvod.results.result import json_text
-    from nebosvod.scene.orbit import read_orbit
-    from nebosvod.units import AU_KM, LENGTH, quantity
 
-    started = time.time()
-    first, last = asked_dates(since, until)
-    try:
-        within_au = quantity(within, LENGTH) / AU_KM
-    except InputError as error:
-        raise InputError(f"--within: {error}") from None
-    given, bodies = read_orbit(orbit), Ephemeris.load()
     with stages() as progress:
-        progress("flying the orbit and looking for approaches")
-        found = search(given, first, last, within_au, bodies)
-        summary = summarise(given, found, first, last, within_au)
+        made = approaches_of(orbit, since, until, within, progress)
         if output is not None:
             from nebosvod.report.pages import report_text
             from nebosvod.results.result import OwnedFolder
 
             with OwnedFolder(output, report_text, overwrite=overwrite) as target:
-                target.publish(approaches_result(summary, found, bodies, orbit, started))
+                target.publish(made.result)
     if as_json:
-        click.echo(json_text(summary), nl=False)
+        click.echo(json_text(made.summary), nl=False)
     else:
-        print_approaches(summary, output)
+        print_approaches(made.summary, output)
     return 0

@@ -44,39 +44,24 @@ def ephemeris(
     \b
     Example:  nebosvod ephemeris 2024YR4.ke0 --from 2028-11-01 --to 2028-12-31 --from-site X05
     """
-    import time
-
-    from nebosvod.commands.ephemeris_answer import asked_dates, print_ephemeris
-    from nebosvod.dynamics import Ephemeris
-    from nebosvod.ephemerides.observers import observer
-    from nebosvod.ephemerides.sky import sky, times
-    from nebosvod.results.ephemeris_folder import ephemeris_result, summarise, table
+    from nebosvod.commands.ephemeris_answer import print_ephemeris
+    from nebosvod.commands.orbit_work import ephemeris_of
+    from nebosvod.results.ephemeris_folder import table
     from nebosvod.results.result import ecsv_text, json_text
-    from nebosvod.scene.orbit import read_orbit
-    from nebosvod.units import DURATION, quantity
 
-    started = time.time()
     if ecsv and as_json:
         raise InputError("--ecsv and --json: choose one of the two")
-    first, last = asked_dates(since, until)
-    try:
-        step_s = quantity(step, DURATION)
-    except InputError as error:
-        raise InputError(f"--step: {error}") from None
-    t_s = times(first, last, step_s)
-    given, who, bodies = read_orbit(orbit), observer(site), Ephemeris.load()
-    found = sky(given, who, first, t_s, bodies)
-    summary = summarise(given, found, step_s)
+    made = ephemeris_of(orbit, since, until, step, site)
     if output is not None:
         from nebosvod.report.pages import report_text
         from nebosvod.results.result import OwnedFolder
 
         with OwnedFolder(output, report_text, overwrite=overwrite) as target:
-            target.publish(ephemeris_result(summary, found, bodies, orbit, started))
+            target.publish(made.result)
     if as_json:
-        click.echo(json_text(summary), nl=False)
+        click.echo(json_text(made.summary), nl=False)
     elif ecsv:
-        click.echo(ecsv_text(table(summary)), nl=False)
+        click.echo(ecsv_text(table(made.summary)), nl=False)
     else:
-        print_ephemeris(summary, output)
-    return EXIT_QUALITY if found.ended else 0
+        print_ephemeris(made.summary, output)
+    return EXIT_QUALITY if made.summary["ended"] else 0

@@ -2,20 +2,25 @@
 
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import click
 
 from nebosvod.commands.alert_answer import line_of
+from nebosvod.commands.alert_made import Answered
 from nebosvod.commands.fit_answer import print_fit, print_line
 from nebosvod.commands.short_arc import first_hour, in_place_of, is_short, say_instead, with_first_hour
+from nebosvod.dynamics import Ephemeris
 from nebosvod.errors import EventError, GeometryError, InputError, NebosvodError, notes_of
+from nebosvod.fits.answer import Answer
 from nebosvod.fits.suggestion import writable, write_suggestion
 from nebosvod.mission import FitMission, load_fit
 from nebosvod.mission.slugs import slug
+from nebosvod.observation.formats.records import Astrometry
 from nebosvod.pipeline import every, fitted, mission_of, named, objects
 from nebosvod.report.pages import report_text
-from nebosvod.results.result import OwnedFolder, json_text
+from nebosvod.results.result import OwnedFolder, Result, json_text
 from nebosvod.scene.dates import chosen_dates
 from nebosvod.scene.material import gather
 from nebosvod.scene.scene import load_ephemeris
@@ -67,34 +72,56 @@ def fit_one(
     with OwnedFolder(folder, report_text, overwrite=overwrite) as target:
         say("reading the observations")
         (records,) = objects(mission, split=False)
-        ephemeris = load_ephemeris(mission)
-        try:
-            result, found = fitted(mission, records, ephemeris, say, export=export)
-        except (GeometryError, EventError) as error:
-            instead = first_hour(records, mission, ephemeris, say)
-            if instead is None:
-                raise
-            result = in_place_of(error, instead, ephemeris, str(mission.fit.observations[0]), started)
-            target.publish(result)
-            click.echo(result.summary_text(), nl=False) if as_json else say_instead(instead, folder)
-            return False
-        known = first_hour(records, mission, ephemeris, say) if is_short(result) else None
-        result = result if known is None else with_first_hour(result, known)
-        target.publish(result)
-    if suggest is not None:
-        written = write_suggestion(suggest, mission, found.fit.found, found.fit.epoch, overwrite)
+        made = answered(records, mission, load_ephemeris(mission), say, export=export, started=started)
+        target.publish(made.result)
+    if made.answer is None and made.first_hour is not None:
+        click.echo(made.result.summary_text(), nl=False) if as_json else say_instead(made.first_hour, folder)
+        return False
+    if suggest is not None and made.answer is not None:
+        written = write_suggestion(suggest, mission, made.answer.fit.found, made.answer.fit.epoch, overwrite)
         if not written:
             text = "the tests found no shared error and no missing force, so there is nothing to suggest"
             click.echo(f"notice: {text}: {suggest} is not written", err=True)
         for copy in written[1:]:
             click.echo(f"notice: {copy}: copied there, for settings name files below their own folder", err=True)
     if as_json:
-        click.echo(result.summary_text(), nl=False)
+        click.echo(made.result.summary_text(), nl=False)
     else:
-        print_fit(result.summary, folder)
-        if known is not None:
-            say_instead(known, None)
-    return result.failed and known is None
+        print_fit(made.result.summary, folder)
+        if made.first_hour is not None:
+            say_instead(made.first_hour, None)
+    return made.result.failed and made.first_hour is None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Made:
+    """What came of the records of one object: the result, the fit if there is an orbit, the first hour if too short."""
+
+    result: Result
+    answer: Answer | None
+    first_hour: Answered | None
+
+
+def answered(
+    records: Astrometry, mission: FitMission, ephemeris: Ephemeris, say: Say, *, export: bool, started: float
+) -> Made:
+    """Fit one object; where its observations are too few for an orbit, say what is known in their first hour.
+
+    Raises
+    ------
+    GeometryError, EventError
+        If there is no orbit, and the first hour has no answer either.
+    """
+    try:
+        result, found = fitted(mission, records, ephemeris, say, export=export)
+    except (GeometryError, EventError) as error:
+        instead = first_hour(records, mission, ephemeris, say)
+        if instead is None:
+            raise
+        result = in_place_of(error, instead, ephemeris, str(mission.fit.observations[0]), started)
+        return Made(result=result, answer=None, first_hour=instead)
+    known = first_hour(records, mission, ephemeris, say) if is_short(result) else None
+    return Made(result=result if known is None else with_first_hour(result, known), answer=found, first_hour=known)
 
 
 def fit_every(

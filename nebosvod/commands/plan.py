@@ -1,12 +1,16 @@
 """`nebosvod plan`: what to measure next, and what the next measurement may decide."""
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 from click.core import ParameterSource
 
 from nebosvod.errors import InputError
+
+if TYPE_CHECKING:
+    from nebosvod.mission import Mission
 
 OF_PREDICTIONS = ("prediction", "visits", "estimator", "criterion", "visit_time")
 OF_DECISIONS = ("until", "bodies", "telescope", "sigma", "draws", "truths", "seed", "below", "above")
@@ -63,11 +67,12 @@ def plan(mission: str, decide: bool, output: Path | None, page: Path | None, as_
     from nebosvod.borders.wholefile import require_places, write_new_text
     from nebosvod.commands.plan_answer import print_plan
     from nebosvod.commands.plan_decide import decided, print_decision
+    from nebosvod.mission import load_mission
     from nebosvod.results.result import json_text
 
     _require_together(decide)
     require_places(output, page)
-    found = decided(mission, said) if decide else _planned(mission, said)
+    found = decided(mission, said) if decide else planned(load_mission(mission), said)
     if output is not None:
         write_new_text(output, json_text(found))
     if page is not None:
@@ -84,21 +89,19 @@ def plan(mission: str, decide: bool, output: Path | None, page: Path | None, as_
     return 0
 
 
-def _planned(mission: str, said: dict[str, Any]) -> dict[str, Any]:
-    """The plan for a prediction of a mission."""
+def planned(mission: "Mission", said: Mapping[str, Any]) -> dict[str, Any]:
+    """The plan for a prediction of a mission, by the options as typed."""
     from nebosvod.commands.progress import stages
-    from nebosvod.mission import load_mission
     from nebosvod.planning.planner import plan as plan_mission
     from nebosvod.planning.planner import read_wish
 
-    loaded = load_mission(mission)
     window = (said["start"], said["end"], said["step"])
     wish = read_wish(
-        loaded, said["prediction"], said["visits"], said["estimator"], said["criterion"], window, said["visit_time"],
+        mission, said["prediction"], said["visits"], said["estimator"], said["criterion"], window, said["visit_time"],
         said["exposures"], said["spacing"],
     )  # fmt: skip
     with stages() as progress:
-        return plan_mission(loaded, wish, progress)
+        return plan_mission(mission, wish, progress)
 
 
 def _require_together(decide: bool) -> None:

@@ -5,8 +5,6 @@ from typing import Literal
 
 import click
 
-from nebosvod.errors import InputError
-
 Coordinates = Literal["cartesian", "equinoctial"]
 
 
@@ -43,43 +41,23 @@ def risk(
     Example:  nebosvod risk 2024YR4.ke0 --until 2033-01-01 -o yr4-risk
     Example:  nebosvod risk 2027AB-fit --until 2040-01-01 --history
     """
-    import time
-
+    from nebosvod.commands.orbit_work import risk_of
     from nebosvod.commands.progress import stages
-    from nebosvod.commands.risk_answer import asked_bodies, asked_date, asked_size, print_risk
-    from nebosvod.commands.risk_history import NIGHTLY, records_of, told
-    from nebosvod.dynamics import Ephemeris
-    from nebosvod.impacts.risk import risk as search
+    from nebosvod.commands.risk_answer import print_risk
     from nebosvod.results.result import json_text
-    from nebosvod.results.risk_folder import risk_result, summarise
-    from nebosvod.scene.orbit import read_orbit
 
-    started = time.time()
-    last, targets = asked_date("until", until), asked_bodies(bodies)
-    since = None if on is None else asked_date("on", on)
-    if not 1 <= draws <= 10_000_000:
-        raise InputError(f"--draws: {draws} (allowed: 1 to 10000000)")
-    if seed < 0:
-        raise InputError(f"--seed: {seed} (allowed: 0 or more)")
-    recorded = records_of(orbit) if history else None
-    given, ephemeris = read_orbit(orbit), Ephemeris.load()
-    size = asked_size(given.magnitude, diameter, density)
     with stages() as progress:
-        found = search(
-            given, last, ephemeris, bodies=targets, on=since, draws=draws, seed=seed, coordinates=coordinates,
-            diameter_km=None if size is None else size.diameter_km, say=progress,
+        made = risk_of(
+            orbit, until, bodies, on, draws, coordinates, diameter, density, seed, history, progress
         )  # fmt: skip
-        summary = summarise(found, targets, seed, size)
-        if recorded is not None:
-            summary |= told(recorded, found, summary, ephemeris, min(draws, NIGHTLY), seed, progress)
         if output is not None:
             from nebosvod.report.pages import report_text
             from nebosvod.results.result import OwnedFolder
 
             with OwnedFolder(output, report_text, overwrite=overwrite) as target:
-                target.publish(risk_result(summary, found, ephemeris, orbit, started))
+                target.publish(made.result)
     if as_json:
-        click.echo(json_text(summary), nl=False)
+        click.echo(json_text(made.summary), nl=False)
     else:
-        print_risk(summary, output)
+        print_risk(made.summary, output)
     return 0

@@ -5,12 +5,15 @@ a mass kg, A1..A3 au/d^2.
 """
 
 from collections.abc import Iterable
+from html import escape
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from pydantic import Field
 
+from nebosvod.borders.later import Later
+from nebosvod.errors import counted, listed
 from nebosvod.mission.covariance import Array
 from nebosvod.mission.fields import KeyPath, Several, Text, When
 from nebosvod.mission.found import files_of
@@ -25,9 +28,14 @@ from nebosvod.timescale import Epoch
 
 
 class Mission(Question):
-    """One mission file."""
+    """One mission file.
+
+    `load_mission` reads one, `with_` changes it, `nebosvod.run` runs it; `plot.geometry()` and `plot.timeline()` show
+    where everything is and what can be seen, without running it.
+    """
 
     kind = "mission"
+    plot: ClassVar[Any] = Later("nebosvod.notebook.planned", "MissionPlots")  # .geometry(), .timeline()
 
     schema_version: Annotated[int, Field(ge=1, le=SCHEMA_VERSION)]
     name: Text
@@ -64,6 +72,27 @@ class Mission(Question):
         """What is doubtful, and what is said and not used."""
         doubts = [f"{t.name}: {doubt}" for t in self.telescopes for doubt in getattr(t.orbit, "doubts", ())]
         return (*super().notices, *doubts)
+
+    def __repr__(self) -> str:
+        return f"<Mission {self.name}: {', '.join(f'{what} {value}' for what, value in self._facts())}>"
+
+    __str__ = __repr__
+
+    def _repr_html_(self) -> str:
+        rows = "".join(f"<tr><th>{escape(what)}</th><td>{escape(value)}</td></tr>" for what, value in self._facts())
+        return f"<p>{escape(self.title or self.name)}</p><table>{rows}</table>"
+
+    def _facts(self) -> list[tuple[str, str]]:
+        """What it is about, for who looks at it: words and values."""
+        exposures = sum(len(self.times_s(one.name)) for one in self.telescopes)
+        facts = [
+            ("object", self.object.name),
+            ("reference epoch", self.reference_epoch.iso(digits=0)),
+            ("telescopes", listed([one.name for one in self.telescopes])),
+            ("scheduled", counted(exposures, "exposure")),
+            ("estimators", listed([one.name for one in self.estimators])),
+        ]
+        return [*facts, ("predictions", listed([one.name for one in self.predictions]) or "none")]
 
     def telescope(self, name: str) -> Telescope:
         """The telescope of a name."""

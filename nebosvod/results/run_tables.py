@@ -96,7 +96,7 @@ def all_tables(
     tables = {
         "measurements": _measurements(scene, nominal, psi),
         "residuals": _residuals(nominal, found, psi),
-        "visibility": _visibility(scene),
+        "visibility": visibility_table(scene),
     }
     if found:
         tables["budget"] = _rows_table(
@@ -144,7 +144,8 @@ def _measurements(scene: PlannedScene, nominal: View, psi: Array) -> Table:
     )
 
 
-def _visibility(scene: PlannedScene) -> Table:
+def visibility_table(scene: PlannedScene) -> Table:
+    """Every scheduled epoch of each telescope, and why it was lost."""
     """Every scheduled epoch of every telescope: seen, or the first limit that removes it."""
     seen = scene.visibilities
     names = [np.full(one.t_s.size, telescope.name) for telescope, one in zip(scene.telescopes, seen)]

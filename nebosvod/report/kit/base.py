@@ -13,6 +13,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
 from nebosvod.report.kit import wording
+from nebosvod.report.kit.gathered import gather_words
 from nebosvod.version import __version__
 
 HERE = Path(__file__).parent.parent
@@ -37,6 +38,7 @@ def render(template: str, *, stamp: Sequence[str] = (), scripts: Sequence[str] =
     Every page is one file without any request: style and script stand in it, and its Content-Security-Policy allows
     nothing but them (the script by its hash) and `data:` images. A page must read completely without the script.
     """
+    gather_words(words)
     script = "\n".join((HERE / name).read_text(encoding="utf-8") for name in ("script.js", *scripts))
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     made = [*stamp] or [f"nebosvod {__version__}"]

@@ -5,8 +5,8 @@ panel says how its pixels map to values (`data-x`, `data-y`), a mark its name (`
 to tell the value under the pointer. Units are pixels of the figure's viewBox, from the top left.
 
 Panels are not matplotlib's Axes: with one mapping from values to pixels (`Scale`) the script cannot disagree with the
-drawing, and a report takes a third of the time. Texts are set by the page, in its own font. `Chart.drawing` gives the
-same as a figure of matplotlib.
+drawing, and a report takes a third of the time. Texts are set by the page, in its own font. `standing.figure_of` gives
+the same as a figure of matplotlib with Axes.
 """
 
 import re
@@ -21,13 +21,13 @@ from matplotlib.artist import Artist
 from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Patch, PathPatch, Polygon, Rectangle
+from matplotlib.patches import Patch, PathPatch, Polygon
 from matplotlib.path import Path
-from matplotlib.text import Text
-from matplotlib.transforms import Affine2D, Transform
+from matplotlib.transforms import Affine2D, IdentityTransform, Transform
 
 from nebosvod.report.kit.download import Download
 from nebosvod.report.kit.drawing import pieces
+from nebosvod.report.kit.gathered import gather_plate
 from nebosvod.report.kit.hatch import plain
 from nebosvod.report.kit.plate import GREY, INK, Plate
 from nebosvod.report.kit.scale import Scale
@@ -40,7 +40,6 @@ SHEET = 1200.0  # height on which is drawn: the legend, which comes last, tells 
 GRID = "#e4e4e4"
 Box = tuple[float, float, float, float]  # left, top, width, height, px
 Make = Callable[[Transform], Artist]  # an artist for where pixels are
-TEXT_PT = 9.0  # where matplotlib sets the text itself, in a wider face
 CHARACTER = 6.1  # mean width of a character of axis text, px
 PIXELS = Affine2D([[1.0, 0.0, 0.0], [0.0, -1.0, SHEET], [0.0, 0.0, 1.0]])  # matplotlib counts from the lower left
 MARKERS: Mapping[str, tuple[str, float]] = {  # shape, and its size in px for marks of size 3
@@ -60,7 +59,8 @@ class Chart:
 
     def __init__(self, key: str, width: float = WIDTH, height: float = 260.0) -> None:
         self.key, self.width, self.height = key, width, height
-        self.parts: list[str | _Words | _Piece] = []
+        self.parts: list[str | Words | Piece] = []
+        self.panels: list[Panel] = []
         self.view: Box | None = None  # beyond which nothing is drawn
 
     def raw(self, text: str) -> None:
@@ -69,7 +69,7 @@ class Chart:
 
     def text(self, x: float, y: float, text: str, anchor: str = "start", turned: bool = False, **more: Any) -> None:
         """Add text with its base line at y; `anchor` is start, middle or end of it."""
-        self.parts.append(_Words(x, y, text, anchor, turned, more))
+        self.parts.append(Words(x, y, text, anchor, turned, more))
 
     def stroke(self, x: Any, y: Any, look: Mapping[str, Any], **more: Any) -> None:
         """Add a line or markers at pixels."""
@@ -111,7 +111,7 @@ class Chart:
 
     def _draw(self, make: Make, tip: str = "", spots: Make | None = None, **attributes: Any) -> None:
         """Add an artist, made for where pixels are; `attributes` are set on its elements, `tip` is told there."""
-        self.parts.append(_Piece(f"nb-{len(self.parts)}", make, tip, attributes, self.view, spots))
+        self.parts.append(Piece(f"nb-{len(self.parts)}", make, tip, attributes, self.view, spots))
 
     def panel(self, x: Scale, y: Scale, *, top: float, bottom: float, left: float | None = None,
               right: float | None = None, title: str = "", name_at: float = 11.0) -> "Panel":  # fmt: skip
@@ -145,24 +145,14 @@ class Chart:
 
     def plate(self, label: str, caption: Markup, data: Sequence[Download] = ()) -> Plate:
         """Close the figure: what it shows, what it says, and its numbers."""
-        return Plate(key=self.key, svg=self.svg(label), label=label, caption=caption, data=tuple(data))
-
-    def drawing(self) -> Figure:
-        """The figure as one of matplotlib, which belongs to the caller: to be shown, changed, saved in any format."""
-        made = Figure(figsize=(self.width / 72.0, self.height / 72.0))
-        down = Affine2D([[1.0 / 72.0, 0.0, 0.0], [0.0, -1.0 / 72.0, self.height / 72.0], [0.0, 0.0, 1.0]])
-        pixels = down + made.dpi_scale_trans
-        for order, part in enumerate(one for one in self.parts if not isinstance(one, str)):
-            artist = part.cut(pixels) if isinstance(part, _Piece) else part.artist(pixels)
-            artist.set_zorder(order)  # as added; matplotlib would draw areas, lines and texts in this order
-            made.add_artist(artist)
-        return made
+        svg = self.svg(label)
+        return gather_plate(Plate(key=self.key, svg=svg, label=label, caption=caption, data=tuple(data), chart=self))
 
     def svg(self, label: str) -> Markup:
         """The figure as it stands in a page; `label` says what it shows."""
         sheet = Figure(figsize=(self.width / 72.0, SHEET / 72.0), dpi=72.0)
         for part in self.parts:
-            if isinstance(part, _Piece):
+            if isinstance(part, Piece):
                 sheet.add_artist(part.artist(PIXELS))
         drawn = pieces(sheet, f"{self.key}-")
         body = [part if isinstance(part, str) else part.text(drawn) for part in self.parts]
@@ -174,7 +164,7 @@ class Chart:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Words:
+class Words:
     """Text of a figure; `more` are attributes of its element."""
 
     x: float
@@ -193,15 +183,9 @@ class _Words:
             place["text-anchor"] = self.anchor
         return f"{opened('text', {**place, **self.more})}{escape(self.words)}</text>"
 
-    def artist(self, pixels: Transform) -> Artist:
-        """The same for matplotlib."""
-        side = {"start": "left", "middle": "center", "end": "right"}[self.anchor]
-        return Text(self.x, self.y, self.words, fontsize=TEXT_PT, color=INK, ha=side, va="baseline",
-                    rotation=90.0 if self.turned else 0.0, rotation_mode="anchor", transform=pixels)  # fmt: skip
-
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Piece:
+class Piece:
     """The place of an artist among the parts of a figure, and what is added to it for the page."""
 
     name: str
@@ -218,12 +202,9 @@ class _Piece:
         made.set_clip_on(False)
         return made
 
-    def cut(self, pixels: Transform) -> Artist:
-        """The artist as a figure of matplotlib holds it: cut, with patterns and opacity of its own."""
-        made = (self.spots or self.make)(pixels)
-        if self.view is not None:
-            left, top, wide, tall = self.view
-            made.set_clip_path(Rectangle((left, top), wide, tall, transform=pixels))
+    def alone(self) -> Artist:
+        """The artist at pixels from the top, as a figure of matplotlib holds it: patterns and opacity of its own."""
+        made = (self.spots or self.make)(IdentityTransform())
         opacity, fill = self.attributes.get("fill-opacity"), self.attributes.get("fill")
         if isinstance(made, Patch):
             red, green, blue, _ = to_rgba(plain(fill)[0] if fill else made.get_facecolor())
@@ -258,8 +239,11 @@ class Panel:
     ) -> None:  # fmt: skip
         self.chart, self.x, self.y, self.name_at = chart, x, y, name_at
         self.left, self.top, self.right, self.bottom = box
+        self.title, first = title, len(chart.parts)
         self._ticks()
         self._names(title)
+        self.frame = range(first, len(chart.parts))  # its axes among the parts of the figure
+        chart.panels.append(self)
 
     def at(self, x: Any, y: Any) -> tuple[Array, Array]:
         """Pixels of values."""

@@ -2,10 +2,14 @@
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from markupsafe import Markup
 
 from nebosvod.report.kit.download import Download
+
+if TYPE_CHECKING:
+    from nebosvod.report.kit.chart import Chart
 
 # Okabe and Ito (2008): told apart with every common colour blindness; the order keeps them apart in grey too
 INK, BLUE, VERMILION, GREEN, ORANGE, PURPLE, SKY, GREY = (
@@ -19,7 +23,7 @@ POINTS = 1500  # at most so many markers a panel: more cannot be seen and only m
 class Plate:
     """One figure: inline SVG, what it shows (for who cannot see it), its caption, its numbers as files.
 
-    `narrow` is the same drawn anew for a phone, where the other would be too small to read.
+    `narrow` is the same drawn anew for a phone, where the other would be too small to read; `chart` are its parts.
     """
 
     key: str
@@ -28,6 +32,7 @@ class Plate:
     caption: Markup
     data: tuple[Download, ...] = ()
     narrow: Markup | None = None
+    chart: "Chart | None" = None
 
 
 def thin(n: int, most: int = POINTS) -> slice:

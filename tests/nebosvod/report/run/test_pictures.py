@@ -15,7 +15,7 @@ from nebosvod import Result
 from nebosvod.dynamics.frames import R_ecliptic_from_icrf
 from nebosvod.errors import InputError
 from nebosvod.report.kit import planets
-from nebosvod.report.run import geometry, near_earth, plots, timeline
+from nebosvod.report.run import geometry, near_earth, timeline
 from nebosvod.report.run.visibility import read_visibility
 from nebosvod.results.folder import RunFolder, read_folder
 
@@ -119,7 +119,7 @@ def test_one_telescope_no_prediction_and_no_table_still_have_pictures(run: RunFo
 def test_pictures_are_figures_of_matplotlib(real_folder: Path) -> None:
     """Saved as PNG by matplotlib: dots are seen, and nothing is drawn beyond the panels."""
     result = Result.load(real_folder)
-    for figure in (plots.geometry_figure(result), plots.timeline_figure(result), plots.budget_figure(result)):
+    for figure in (result.plot.geometry(), result.plot.timeline(), result.plot.budget()):
         file = BytesIO()
         figure.savefig(file, format="png", dpi=72)
         file.seek(0)
@@ -127,12 +127,12 @@ def test_pictures_are_figures_of_matplotlib(real_folder: Path) -> None:
         assert picture.shape[1] == round(72 * figure.get_figwidth())
         assert (picture[..., :3].min(axis=2) < 0.5).mean() > 0.005
     file = BytesIO()
-    plots.geometry_figure(result).savefig(file, format="png", dpi=144)
+    result.plot.geometry().savefig(file, format="png", dpi=144)
     file.seek(0)
     picture = imread(file)
     orange = np.abs(picture[..., :3] - np.array([0.902, 0.624, 0.0])).max(axis=2) < 0.03
     assert orange.sum() > 100  # the Sun, a dot
-    with pytest.raises(InputError, match=r'no prediction named "moon" \(there are: '):
-        plots.target_plane_figure(result, "moon")
-    with pytest.raises(InputError, match="plane: b_plane or mtp"):
-        plots.target_plane_figure(result)
+    with pytest.raises(InputError, match=r"has no prediction 'moon' \(predictions: "):
+        result.plot.target_plane("moon")
+    with pytest.raises(InputError, match="has no prediction with two axes"):
+        result.plot.target_plane()

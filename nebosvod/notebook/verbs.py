@@ -1,0 +1,519 @@
+"""A function for each command, with its options and defaults; a quantity or a moment of astropy may stand for its text.
+
+They print nothing and, unless an `output` is named, write nothing; `study` and `validate` keep what they compute in a
+folder, as their commands do, since they can be continued. What a command ends with exit code 1 for is `answer.failed`;
+what it refuses raises `nebosvod.errors.InputError`, which names the parameter.
+"""
+
+import re
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from functools import wraps
+from pathlib import Path
+from typing import Any, ParamSpec, TypeVar
+
+from nebosvod import pipeline
+from nebosvod.borders.quantities import duration_s, is_moment, is_quantity
+from nebosvod.commands import alert_made, alert_work, fit_work, orbit_work, plan_decide
+from nebosvod.commands.orbit_work import Coordinates
+from nebosvod.commands.plan import planned
+from nebosvod.commands.workers import workers_from
+from nebosvod.errors import InputError, NebosvodError
+from nebosvod.mission import FitMission, Mission, load_mission
+from nebosvod.mission.editing import plain
+from nebosvod.mission.slugs import slug
+from nebosvod.notebook.answer import Alert, Approaches, Fit, FolderAnswer, Result, Risk, Sky, answer_of
+from nebosvod.notebook.campaigns import Comparison, Decision, Kept, Plan, Study, Validation
+from nebosvod.orbits.uncertain import UncertainOrbit
+from nebosvod.report.study_page import make_study_page
+from nebosvod.report.validation_page import write_validation_report
+from nebosvod.results.alert_folder import alert_result
+from nebosvod.results.compare import compare as compare_runs
+from nebosvod.results.compare_orbits import compare_orbits, kind_of_folders
+from nebosvod.scene.orbit import mission_orbit
+from nebosvod.scene.scene import load_ephemeris
+from nebosvod.studies.comparison import all_studies, compare_studies
+from nebosvod.studies.question import Study as StudyQuestion
+from nebosvod.studies.question import load_study
+from nebosvod.studies.study import run_study
+from nebosvod.studies.validation import validate as run_validation
+
+P = ParamSpec("P")
+R = TypeVar("R")
+Say = Callable[[str], None]
+Orbit = str | Path | UncertainOrbit | Mission | Result | Fit
+# options of the command line whose parameter has another name here
+PARAMETERS = {"from": "since", "to": "until", "from-site": "site", "object": "designations"}
+
+
+def _spoken(function: Callable[P, R]) -> Callable[P, R]:
+    """Errors name parameters, not options of a command line."""
+
+    @wraps(function)
+    def called(*args: P.args, **kwargs: P.kwargs) -> R:
+        try:
+            return function(*args, **kwargs)
+        except NebosvodError as error:
+            if error.args and isinstance(error.args[0], str):
+                said = re.sub(r"(?<![\w-])--([a-z][a-z-]*)", _parameter, error.args[0])
+                error.args = (said, *error.args[1:])
+            raise
+
+    return called
+
+
+def _parameter(option: re.Match[str]) -> str:
+    return PARAMETERS.get(option[1], option[1].replace("-", "_"))
+
+
+def _text(value: Any) -> Any:
+    """A quantity, duration or moment as the command line would have it; anything else as it is."""
+    return plain(value) if is_quantity(value) or is_moment(value) or duration_s(value) is not None else value
+
+
+def _quiet(line: str) -> None:
+    """Nobody listens."""
+
+
+def _mission(mission: Mission | str | Path) -> Mission:
+    return mission if isinstance(mission, Mission) else load_mission(mission)
+
+
+@_spoken
+def run(
+    mission: Mission | str | Path,
+    seed: int = 0,
+    progress: Say | None = None,
+    *,
+    output: str | Path | None = None,
+    overwrite: bool = False,
+) -> Result:
+    """Run a mission: simulate its measurements, estimate, predict, and say which source is to blame for how much.
+
+    Parameters
+    ----------
+    mission : a mission, its file, or the name of a built-in one.
+    seed : of the simulated truth and noise; the same seed gives the same result.
+    progress : called with one line of text at each stage.
+    output : also write the run to this folder; overwrite : replace an earlier run there.
+
+    Raises
+    ------
+    InputError, CoverageError, DataError, GeometryError, EventError
+        As the stages raise them; a lack of convergence or observability is a status of the result.
+
+    Examples
+    --------
+    >>> import nebosvod
+    >>> result = nebosvod.run("minimal")
+    >>> result.typed.estimates[0]
+    <Estimate batch: converged, position to 16.89 km>
+    """
+    found = Result(pipeline.run(_mission(mission), seed=seed, progress=progress))
+    return _kept(found, output, overwrite)
+
+
+@_spoken
+def fit(
+    files: str | Path | FitMission | Sequence[str | Path],
+    designations: str | Sequence[str] = (),
+    since: Any = None,
+    until: Any = None,
+    *,
+    export: bool = False,
+    output: str | Path | None = None,
+    overwrite: bool = False,
+    progress: Say | None = None,
+) -> Fit | Alert:
+    """Fit an orbit to real astrometry.
+
+    Parameters
+    ----------
+    files : of observations (ADES or MPC 80-column), or one settings file with a fit block.
+    designations : of the one object to fit, where files hold several; several names are joined.
+    since, until : leave out observations before, and at and after these moments (text is UTC).
+    export : make the orbit for other programs too, as files of the saved folder.
+
+    Returns
+    -------
+    Fit
+        Or `Alert` where the observations are too few for any orbit: what is known in their first hour.
+
+    Raises
+    ------
+    InputError
+        If there are several objects and none is chosen, or something cannot be read.
+    GeometryError, EventError
+        If there is no orbit, and the first hour has no answer either.
+    """
+    started, say = time.time(), progress or _quiet
+    mission = files if isinstance(files, FitMission) else _to_fit(files, designations, since, until)
+    (records,) = pipeline.objects(mission, split=False)
+    made = fit_work.answered(records, mission, load_ephemeris(mission), say, export=export, started=started)
+    found = answer_of(made.result)
+    return _kept(found if isinstance(found, Alert) else Fit(made.result), output, overwrite)
+
+
+@_spoken
+def fit_every(
+    files: str | Path | Sequence[str | Path],
+    since: Any = None,
+    until: Any = None,
+    *,
+    export: bool = False,
+) -> dict[str, Fit | NebosvodError]:
+    """Fit every object of some files by itself, as `nebosvod fit --split`; trouble with one does not stop the others.
+
+    Returns
+    -------
+    dict
+        The fit of each object by its name, or the error that there was.
+    """
+    mission = _to_fit(files, (), since, until)
+    found = pipeline.every(mission, load_ephemeris(mission), _quiet, export=export)
+    return {name: one if isinstance(one, NebosvodError) else Fit(one) for name, one in found}
+
+
+def _to_fit(files: Any, designations: str | Sequence[str], since: Any, until: Any) -> FitMission:
+    """The fit that the parameters say."""
+    named = [str(files)] if isinstance(files, str | Path) else [str(one) for one in files]
+    names = (designations,) if isinstance(designations, str) else tuple(designations)
+    return fit_work.resolved(named, names, _text(since), _text(until))
+
+
+@_spoken
+def validate(
+    mission: Mission | str | Path,
+    runs: int = 2000,
+    *,
+    output: str | Path | None = None,
+    workers: int | None = None,
+    scheduler: str = "",
+    cluster: str | None = None,
+    seed: int = 0,
+    full: bool = False,
+    overwrite: bool = False,
+    progress: Callable[[int, int], None] = lambda done, runs: None,
+) -> Validation:
+    """Simulate a mission many times: do the errors look as the sigmas say?
+
+    Parameters
+    ----------
+    runs : simulated truths; more add to those that the folder has.
+    output : folder that keeps the campaign; `./NAME-validation` by default.
+    workers, scheduler, cluster : who computes; one process for each processor by default.
+    full : iterate every estimate: slower, tests linearity.
+    progress : called with the runs that are done and all runs.
+
+    Raises
+    ------
+    InputError, GeometryError, OutputError
+        If there are too few runs, nothing can be observed, or the folder holds another campaign.
+    """
+    loaded = _mission(mission)
+    folder = Path(output) if output is not None else Path(f"{loaded.slug}-validation")
+    found = run_validation(
+        loaded, folder, runs=runs, seed=seed, workers=workers_from(workers, scheduler, cluster), full=full,
+        overwrite=overwrite, progress=progress,
+    )  # fmt: skip
+    write_validation_report(folder, found)
+    return Validation(found, folder)
+
+
+@_spoken
+def plan(
+    mission: Any,
+    prediction: str | None = None,
+    visits: int = 5,
+    *,
+    estimator: str | None = None,
+    criterion: str = "a",
+    start: Any = None,
+    end: Any = None,
+    step: Any = None,
+    exposures: int = 1,
+    spacing: Any = None,
+    visit_time: Sequence[str] = (),
+    decide: bool = False,
+    until: Any = None,
+    bodies: str = "earth,moon",
+    telescope: Sequence[str] = (),
+    sigma: Any = None,
+    draws: int = 20_000,
+    truths: int = 2000,
+    seed: int = 1,
+    below: float | None = None,
+    above: float | None = None,
+) -> Plan | Decision:
+    """Find the measurements that would make a prediction better; with `decide`, what they may say of an impact.
+
+    Parameters
+    ----------
+    mission : a mission, its file or name; with `decide` an orbit, as for `risk`.
+    prediction : its name; the first encounter, or first, by default.
+    start, end, step : candidate epochs; those of the mission's schedule by default.
+    until, bodies, telescope, sigma, draws, truths, seed, below, above : of `decide`; see `nebosvod plan --help`.
+
+    Raises
+    ------
+    InputError
+        If a parameter cannot be used, or belongs to the other question; names it.
+    """
+    said = {
+        "prediction": prediction, "visits": visits, "estimator": estimator, "criterion": criterion,
+        "start": _text(start), "end": _text(end), "step": _text(step), "exposures": exposures,
+        "spacing": _text(spacing), "visit_time": tuple(visit_time), "until": _text(until), "bodies": bodies,
+        "telescope": (telescope,) if isinstance(telescope, str) else tuple(telescope), "sigma": _text(sigma),
+        "draws": draws, "truths": truths, "seed": seed, "below": below, "above": above,
+    }  # fmt: skip
+    if not decide:
+        return Plan(planned(_mission(mission), said))
+    with _path_of(mission) as path:
+        return Decision(plan_decide.decided(path, said))
+
+
+@_spoken
+def compare(*answers: FolderAnswer | Kept | str | Path) -> Comparison:
+    """Set several answers side by side: runs and fits, ephemerides, approaches, risks, or studies.
+
+    Parameters
+    ----------
+    answers : results, or their folders.
+
+    Raises
+    ------
+    InputError
+        If there are fewer than two, or they cannot be compared.
+    """
+    with ExitStack() as held:
+        folders = []
+        for number, one in enumerate(answers, start=1):
+            if isinstance(one, FolderAnswer):
+                place = Path(held.enter_context(tempfile.TemporaryDirectory())) / f"{one._slug}-{number}"
+                folders.append(one.save(place))
+            else:
+                folders.append(one.folder if isinstance(one, Kept) else Path(one))
+        if all_studies(folders):
+            return Comparison(compare_studies(folders))
+        kind = kind_of_folders(folders)
+        return Comparison(compare_runs(folders) if kind is None else compare_orbits(folders, kind))
+
+
+@_spoken
+def study(
+    file: str | Path | StudyQuestion,
+    *,
+    output: str | Path | None = None,
+    resume: bool = False,
+    workers: int | None = None,
+    scheduler: str = "",
+    cluster: str | None = None,
+    overwrite: bool = False,
+    parquet: bool = False,
+    progress: Callable[[int, int], None] = lambda done, points: None,
+) -> Study:
+    """Vary a mission as the file of a study says; one table, one answer.
+
+    Parameters
+    ----------
+    output : folder that keeps the study; `./NAME-study` by default. An interrupted study goes on there.
+    resume : refuse to begin a new one.
+    workers, scheduler, cluster : who computes; one process for each processor by default.
+    progress : called with the rows that are done and all rows.
+
+    Raises
+    ------
+    InputError, OutputError
+        If the file is wrong, there are too many points, or the folder holds something else.
+    """
+    asked = file if isinstance(file, StudyQuestion) else load_study(file)
+    folder = Path(output) if output is not None else Path(f"{slug(asked.name, 'study')}-study")
+    found = run_study(
+        asked, folder, workers=workers_from(workers, scheduler, cluster), resume=resume, overwrite=overwrite,
+        parquet=parquet, page=lambda result, table: make_study_page(result, table.columns), progress=progress,
+    )  # fmt: skip
+    return Study(found, folder)
+
+
+@_spoken
+def risk(
+    orbit: Orbit,
+    until: Any,
+    bodies: str = "earth,moon",
+    on: Any = None,
+    draws: int = 10_000,
+    coordinates: Coordinates = "cartesian",
+    diameter: Any = None,
+    density: float | None = None,
+    seed: int = 1,
+    *,
+    history: bool = False,
+    output: str | Path | None = None,
+    overwrite: bool = False,
+    progress: Say | None = None,
+) -> Risk:
+    """How probable it is that an orbit hits, by several ways, for each virtual impactor.
+
+    Parameters
+    ----------
+    orbit : with a covariance: a fit or a run, its folder, an orbit file of others, a mission with a prior orbit.
+    until : last moment (text is UTC); on : from when the years of the Palermo scale count.
+    diameter : of the object, from H by default; density : kg/m3, 2600 by default.
+    history : also how it came, of the folder of a fit.
+
+    Raises
+    ------
+    InputError
+        If a parameter cannot be used; names it.
+    """
+    with _opened(orbit, history) as given:
+        made = orbit_work.risk_of(
+            given, _text(until), bodies, _text(on), draws, coordinates, _text(diameter), density, seed, history,
+            progress or _quiet,
+        )  # fmt: skip
+    return _kept(Risk(made.result), output, overwrite)
+
+
+@_spoken
+def alert(
+    files: str | Path | Sequence[str | Path],
+    designations: str | Sequence[str] = (),
+    since: Any = None,
+    until: Any = None,
+    *,
+    within: Any = "100 d",
+    unbound: bool = False,
+    smallest: Any = "0.3 m",
+    sites: Sequence[str] = (),
+    by: Sequence[str] = (),
+    hours: str = "1,3,6,12,24",
+    history: bool = False,
+    decide: bool = False,
+    seed: int = 1,
+    output: str | Path | None = None,
+    overwrite: bool = False,
+    progress: Say | None = None,
+) -> Alert:
+    """Probability of impact from observations too few for an orbit, with what to do next.
+
+    Parameters
+    ----------
+    files : of observations, one settings file with a fit block, or a mission whose measurements are simulated.
+    within : in which time an impact counts; smallest : diameter of the smallest object that counts.
+    sites : where to look next from; hours : after the last observation, with commas between them.
+
+    Raises
+    ------
+    InputError, GeometryError
+        If a parameter cannot be used, or nothing can be said.
+    """
+    started = time.time()
+    named = [str(files)] if isinstance(files, str | Path) else [str(one) for one in files]
+    names = (designations,) if isinstance(designations, str) else tuple(designations)
+    asked = alert_made.Asked.of(
+        within=_text(within), bound=not unbound, smallest=_text(smallest), sites=tuple(sites), by=tuple(by),
+        hours=hours, seed=seed, history=history, decide=decide,
+    )  # fmt: skip
+    found = alert_work.found_for(named, names, _text(since), _text(until), asked, progress or _quiet)
+    bodies = found.alert.tracklet.forces.ephemeris
+    return _kept(Alert(alert_result(found.summary, found.alert, bodies, named[0], started)), output, overwrite)
+
+
+@_spoken
+def ephemeris(
+    orbit: Orbit,
+    since: Any,
+    until: Any,
+    step: Any = "1 d",
+    site: str = "500",
+    *,
+    output: str | Path | None = None,
+    overwrite: bool = False,
+) -> Sky:
+    """Where an orbit is seen, with its ellipse: directions, rates, distances, brightness, twilight.
+
+    Parameters
+    ----------
+    orbit : with a covariance, as for `risk`.
+    since, until : first and last time of reception (text is UTC); step : from one to the next.
+    site : who looks: an observatory code (500: geocentre), MISSION.yaml:TELESCOPE, or a spacecraft's .oem or .bsp.
+
+    Raises
+    ------
+    InputError
+        If a parameter cannot be used; names it.
+
+    Examples
+    --------
+    >>> import nebosvod
+    >>> sky = nebosvod.ephemeris(nebosvod.run("minimal"), "2028-04-20", "2028-04-21")
+    >>> sky.tables["ephemeris"]["distance_au"]
+    <Quantity [...] AU>
+    """
+    with _opened(orbit) as given:
+        made = orbit_work.ephemeris_of(given, _text(since), _text(until), _text(step), site)
+    return _kept(Sky(made.result), output, overwrite)
+
+
+@_spoken
+def approaches(
+    orbit: Orbit,
+    since: Any,
+    until: Any,
+    within: Any = "0.1 au",
+    *,
+    output: str | Path | None = None,
+    overwrite: bool = False,
+    progress: Say | None = None,
+) -> Approaches:
+    """Every approach of an orbit to planets and the Moon: when, how near, with sigmas, b-plane and chance of impact.
+
+    Parameters
+    ----------
+    orbit : with a covariance, as for `risk`.
+    since, until : first and last moment (text is UTC); within : only nearer than this.
+
+    Raises
+    ------
+    InputError
+        If a parameter cannot be used; names it.
+    """
+    with _opened(orbit) as given:
+        made = orbit_work.approaches_of(given, _text(since), _text(until), _text(within), progress or _quiet)
+    return _kept(Approaches(made.result), output, overwrite)
+
+
+A = TypeVar("A", bound=FolderAnswer)
+
+
+def _kept(answer: A, output: str | Path | None, overwrite: bool) -> A:
+    """The answer, written to a folder where one is named."""
+    if output is not None:
+        answer.save(output, overwrite=overwrite)
+    return answer
+
+
+@contextmanager
+def _opened(orbit: Any, as_folder: bool = False) -> Iterator[str | UncertainOrbit]:
+    """An orbit as the commands take it: read already, or where it stands."""
+    if isinstance(orbit, UncertainOrbit):
+        yield orbit
+    elif isinstance(orbit, Mission) and not as_folder:
+        yield mission_orbit(orbit)
+    else:
+        with _path_of(orbit) as path:
+            yield path
+
+
+@contextmanager
+def _path_of(orbit: Any) -> Iterator[str]:
+    """The path of an orbit; of an answer that of a folder made for it."""
+    if isinstance(orbit, str | Path):
+        yield str(orbit)
+    elif isinstance(orbit, FolderAnswer):
+        with tempfile.TemporaryDirectory() as folder:
+            yield str(orbit.save(Path(folder) / f"{orbit._slug}-{orbit.ending}"))
+    else:
+        raise InputError(f"an orbit is a path, a fit, a run or an UncertainOrbit here (got {type(orbit).__name__})")
