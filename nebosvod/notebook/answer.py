@@ -292,7 +292,7 @@ class Result(FolderAnswer):
 
     def picture(self) -> PageFigure | None:
         """The target plane or first ellipse; without one the geometry."""
-        for draw in (self.plot.target_plane, self.plot.geometry):
+        for draw in (self.plot.target_plane, self.plot.ellipse, self.plot.geometry):
             try:
                 return draw()
             except InputError:
@@ -321,7 +321,7 @@ class Fit(Result):
 
     def picture(self) -> PageFigure | None:
         """The target plane or ellipse of its first prediction; without one the residuals."""
-        for draw in (self.plot.target_plane, self.plot.residuals):
+        for draw in (self.plot.target_plane, self.plot.ellipse, self.plot.residuals):
             try:
                 return draw()
             except InputError:

@@ -78,17 +78,15 @@ class RunPlots(Plots):
         return self._first([ledger.remedies_plate(self._run, books[0])] if books else [], "no orbit and no budget")
 
     def target_plane(self, prediction: str | None = None) -> PageFigure:
-        """The plane of an encounter with the body to scale; without an encounter the ellipse of a prediction.
+        """The plane of an encounter with the body to scale, drawn orbits by their fate.
 
         Parameters
         ----------
-        prediction : its name; the first that has such a figure by default.
+        prediction : its name; the first encounter by default. Other predictions have an `ellipse`.
         """
-        rows = self._predictions(prediction)
-        plates = [
-            p for row in rows if row["plane"] in ("b_plane", "mtp") for p in encounters.plane_plates(self._run, row)
-        ]
-        return self._first([*plates, *self._ellipses(rows)], f"no prediction with two axes ({self._named()})")
+        rows = [row for row in self._predictions(prediction) if row["plane"] in ("b_plane", "mtp")]
+        plates = [plate for row in rows for plate in encounters.plane_plates(self._run, row)]
+        return self._first(plates, f"no prediction in a target plane ({self._named()})")
 
     def ellipse(self, prediction: str | None = None) -> PageFigure:
         """Ellipses of 1, 2 and 3 sigma of a prediction, true and formal; of the first that has two axes by default."""

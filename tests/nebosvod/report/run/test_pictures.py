@@ -134,5 +134,5 @@ def test_pictures_are_figures_of_matplotlib(real_folder: Path) -> None:
     assert orange.sum() > 100  # the Sun, a dot
     with pytest.raises(InputError, match=r"has no prediction 'moon' \(predictions: "):
         result.plot.target_plane("moon")
-    with pytest.raises(InputError, match="has no prediction with two axes"):
+    with pytest.raises(InputError, match="has no prediction in a target plane"):
         result.plot.target_plane()
