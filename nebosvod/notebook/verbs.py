@@ -87,6 +87,7 @@ def run(
     seed: int = 0,
     progress: Say | None = None,
     *,
+    nominal: bool = False,
     output: str | Path | None = None,
     overwrite: bool = False,
 ) -> Result:
@@ -97,6 +98,7 @@ def run(
     mission : a mission, its file, or the name of a built-in one.
     seed : of the simulated truth and noise; the same seed gives the same result.
     progress : called with one line of text at each stage.
+    nominal : draw no error: the accuracy about the reference orbit itself.
     output : also write the run to this folder; overwrite : replace an earlier run there.
 
     Raises
@@ -111,7 +113,7 @@ def run(
     >>> result.typed.estimates[0]
     <Estimate batch: converged, position to 16.89 km>
     """
-    found = Result(pipeline.run(_mission(mission), seed=seed, progress=progress))
+    found = Result(pipeline.run(_mission(mission), seed=seed, progress=progress, nominal=nominal))
     return _kept(found, output, overwrite)
 
 
