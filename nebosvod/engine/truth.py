@@ -1,13 +1,15 @@
 """The simulated truth of a run: every uncertainty drawn by its own model, then measured through the full geometry."""
 
-from collections.abc import Mapping
+import zlib
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from nebosvod.engine.assembly import computed_psi, drawn_noise, nominal_view, view
-from nebosvod.observation import draw_truth, measure
+from nebosvod.observation import Common, Term, draw_truth, measure
+from nebosvod.observation.uncertainty.term import root
 from nebosvod.scene.point import Point, View
 from nebosvod.scene.prior import PriorTable
 from nebosvod.scene.scene import Scene
@@ -35,7 +37,13 @@ class Truth:
     priors: PriorTable
 
 
-def draw(scene: Scene, priors: PriorTable, rng: np.random.Generator, nominal: Point | None = None) -> Truth:
+def draw(
+    scene: Scene,
+    priors: PriorTable,
+    rng: np.random.Generator,
+    nominal: Point | None = None,
+    outer: tuple[int, ...] | None = None,
+) -> Truth:
     """Draw a truth about the prior means and measure it; of priors that say next to nothing, the means about the truth.
 
     Parameters and state without a prior, and those the mission holds fixed, keep their nominal values.
@@ -43,6 +51,7 @@ def draw(scene: Scene, priors: PriorTable, rng: np.random.Generator, nominal: Po
     Parameters
     ----------
     nominal : the nominal point, where somebody has it already.
+    outer : seed and key of the constant errors of telescopes, where other truths have the same; of `rng` when None.
     """
     nominal = nominal or nominal_view(scene).point
     fixed = {parameter.name for parameter in scene.mission.free_parameters if parameter.treatment == "fixed"}
@@ -53,6 +62,8 @@ def draw(scene: Scene, priors: PriorTable, rng: np.random.Generator, nominal: Po
     moved = nominal.moved({name: value - values[name] for name, value in drawn.items()})
     seen = view(scene, moved)
     nuisances = draw_truth(seen.terms, rng)
+    if outer is not None:
+        nuisances |= _in_common(seen.terms, outer)
     noise = drawn_noise(scene, seen.observation, rng)
     common = {
         name: float(value)
@@ -72,3 +83,25 @@ def draw(scene: Scene, priors: PriorTable, rng: np.random.Generator, nominal: Po
 def undrawn(nominal: View, priors: PriorTable) -> Truth:
     """The truth in which no error was drawn: what is measured is what is computed at the nominal point."""
     return Truth(point=nominal.point, nuisances={}, psi=computed_psi(nominal), off={}, priors=priors)
+
+
+def _in_common(terms: Sequence[Term], outer: tuple[int, ...]) -> dict[str, Array]:
+    """Constant errors of instruments that all truths of one key share: each parameter by its name, whoever has it.
+
+    Errors of the orbit of a telescope are left out: objects that are seen in other years do not have them in common.
+    """
+    found = {}
+    for term in terms:
+        if not isinstance(term, Common) or term.displacement is not None or term.treatment == "fixed":
+            continue
+        covariance = term.covariance if term.true_covariance is None else term.true_covariance
+        mean = term.mean if term.true_mean is None else term.true_mean
+        seed, *key = outer
+        normal = [
+            np.random.default_rng(
+                np.random.SeedSequence(seed, spawn_key=(*key, zlib.crc32(name.encode("utf-8"))))
+            ).standard_normal()
+            for name in term.names
+        ]
+        found[term.name] = mean + root(covariance) @ np.array(normal)
+    return found

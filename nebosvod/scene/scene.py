@@ -159,6 +159,38 @@ def build_scene(mission: Mission, shared: Shared = ALONE) -> PlannedScene:
     )
 
 
+def seen_until(scene: PlannedScene, last_s: float, shared: Shared = ALONE) -> PlannedScene:
+    """The scene of the same mission with what is measured until a time, TDB s after the reference epoch.
+
+    Raises
+    ------
+    UnseenError
+        If nothing is.
+    """
+    visibilities = tuple(replace(one, visible=one.visible & (one.t_s <= last_s)) for one in scene.visibilities)
+    if not any(one.visible.any() for one in visibilities):
+        raise UnseenError(f"nothing is seen until {(scene.epoch + last_s).iso(digits=0)}")
+    made = measured(scene.mission, scene.telescopes, visibilities, scene.ephemeris, shared)
+    return _observed(scene, visibilities, *made)
+
+
+def _observed(
+    scene: PlannedScene,
+    visibilities: tuple[Visibility, ...],
+    exposures: Exposures,
+    sources: Mapping[str, Source],
+    nuisances: tuple[Nuisance, ...],
+) -> PlannedScene:
+    """The scene with other measurements."""
+    return replace(
+        scene,
+        visibilities=visibilities,
+        exposures=imaged(scene.mission, exposures, scene.trajectory),
+        sources=sources,
+        nuisances=tuple(reached(one, scene.trajectory) for one in nuisances),
+    )
+
+
 def load_ephemeris(mission: Question) -> Ephemeris:
     """The ephemeris the mission asks for, else the one that is found."""
     if mission.ephemeris_path is None:

@@ -5,7 +5,7 @@ or many solves (remedies) are not among them.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
 
 import numpy as np
@@ -17,6 +17,7 @@ from nebosvod.mission.request import Prediction, ValuePrediction
 from nebosvod.mission.vocabulary import PLANES
 from nebosvod.mission.yaml.yamlfile import shown
 from nebosvod.studies.point import Point
+from nebosvod.studies.sampled import corridor_km, impact_probability
 
 Shares = dict[str, float]  # by source
 ENCOUNTER = ("b_plane", "mtp", "perigee_distance", "entry")
@@ -34,6 +35,8 @@ class Asked:
     unit : of the number; empty for a share or a count.
     shares : whether it is the shares of all sources.
     take : the number, or the shares, of a point; None where the point does not have it.
+    title : the name in the file, which several times share; the name where empty.
+    before_s : with what is measured until so long before the epoch of the orbit; 0 for all that is.
     """
 
     name: str
@@ -41,6 +44,20 @@ class Asked:
     unit: str
     shares: bool
     take: Callable[[Point], float | Shares | None]
+    title: str = ""
+    before_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "title", self.title or self.name)
+
+    def before(self, duration_s: float, text: str) -> "Asked":
+        """The same, as it was known so long before the epoch of the orbit."""
+
+        def take(point: Point) -> float | Shares | None:
+            then = point.earlier(duration_s)
+            return None if then is None else self.take(then)
+
+        return replace(self, name=f"{self.name} {text}", take=take, title=self.name, before_s=duration_s)
 
 
 def read_answer(name: str, of: str, mission: Mission) -> Asked:
@@ -83,13 +100,17 @@ def _of_prediction(name: str, of: str, rest: str, mission: Mission) -> Asked:
     if key.startswith("budget."):
         source = key.removeprefix("budget.")
         return Asked(name=name, of=of, unit="", shares=False, take=lambda point: (point.shares(mine) or {}).get(source))
+    flown = _flown(request, mine)
+    if key in flown:
+        unit, number_of = flown[key]
+        return Asked(name=name, of=of, unit=unit, shares=False, take=number_of)
     known = _numbers(request)
     if key not in known:
         vectors = sorted({one.rpartition(".")[0] for one in known if one.rpartition(".")[2].isdigit()})
         if key in vectors:
             size = len([one for one in known if one.startswith(f"{key}.")])
             raise InputError(f"{of}: has {size} components; say which, {of}.0 to {of}.{size - 1}")
-        raise _unknown(of, key, [*known, "budget", "budget.SOURCE"], f'number of the prediction "{mine}"')
+        raise _unknown(of, key, [*known, *flown, "budget", "budget.SOURCE"], f'number of the prediction "{mine}"')
     unit, take = known[key]
 
     def number(point: Point) -> float | None:
@@ -116,12 +137,22 @@ def _numbers(request: Prediction) -> dict[str, tuple[str, Callable[[Answered], f
             found[f"mean_{unit}.{k}"] = word, _value(k)
     if request.plane in ENCOUNTER:
         found["sigma_time_s"] = "s", lambda one: one.sigma_time_s
-        found["impact_probability_linear"] = "", lambda one: one.impact_probability
         found["closest_distance_km"] = "km", lambda one: _fact(one, "distance_km")
         found["speed_km_s"] = "km/s", lambda one: _fact(one, "speed_km_s")
     if request.plane == "entry":
         found["sigma_longitude_deg"] = "deg", lambda one: one.sigma_longitude_deg
         found["sigma_latitude_deg"] = "deg", lambda one: one.sigma_latitude_deg
+    return found
+
+
+def _flown(request: Prediction, name: str) -> dict[str, tuple[str, Callable[[Point], float | None]]]:
+    """What an encounter says of an impact, of one too whose ellipse is no answer."""
+    found: dict[str, tuple[str, Callable[[Point], float | None]]] = {}
+    if request.plane in ENCOUNTER:
+        found["impact_probability_linear"] = "", lambda point: point.chance(name)
+        found["impact_probability"] = "", lambda point: impact_probability(point, name)
+    if request.plane == "entry":
+        found["corridor_km"] = "km", lambda point: corridor_km(point, name)
     return found
 
 

@@ -17,11 +17,12 @@ from nebosvod.mission.fields import (
     When,
 )
 from nebosvod.mission.yaml.yamlfile import shown
-from nebosvod.studies.axes import MOST_VALUES
+from nebosvod.studies.axes import MOST_VALUES, in_unit
+from nebosvod.studies.near_earth import PUBLISHED
 from nebosvod.studies.sampling import Sample, read_sample
 
 SCHEMA_VERSION = 1
-MOST_AXES, MOST_ANSWERS = 20, 50
+MOST_AXES, MOST_ANSWERS, MOST_TIMES = 20, 50, 100
 
 SampleField = Annotated[
     Sample,
@@ -88,10 +89,43 @@ class AxisBlock(Block):
     linear: Steps | None = Field(default=None, description="Steps of a range, even; true where it is sampled")
 
 
+def _before(value: Any) -> tuple[tuple[float, str], ...]:
+    rows = value if isinstance(value, list) else [value]
+    if not 1 <= len(rows) <= MOST_TIMES:
+        raise InputError(f"has {len(rows)} times (allowed 1 to {MOST_TIMES})")
+    found = []
+    for one in rows:
+        try:
+            seconds = in_unit(one if isinstance(one, str) else "", "s")
+        except InputError:
+            seconds = 0.0
+        if seconds <= 0.0:
+            raise InputError(f'needs a duration above 0, such as 7 d, or a list of them (got "{shown(str(one), 40)}")')
+        found.append((seconds, " ".join(one.split())))
+    if len({seconds for seconds, _ in found}) < len(found):
+        raise InputError("has a time twice")
+    return tuple(found)
+
+
+Before = Annotated[
+    tuple[tuple[float, str], ...],
+    Parsed(
+        _before,
+        {
+            "description": "With what is measured until so long before the epoch of the orbit (of kind impact: the "
+            "fall); a column for each",
+            "oneOf": [{"type": "string"}, {"type": "array", "items": {"type": "string"}, "minItems": 1}],
+            "examples": [["30 d", "7 d", "1 d"]],
+        },
+    ),
+]
+
+
 class AnswerBlock(Block):
     """One number of a point."""
 
     name: Text
+    before: Before | None = None
     of: Text = Field(description="Its path, as in summary.json", examples=["predictions.encounter.semi_axes_km.0"])
 
 
@@ -101,9 +135,15 @@ class RepeatBlock(Block):
     draws: Annotated[int, Field(ge=0, le=100_000)] = 0
     seed: Annotated[int, Field(ge=0, le=2**63 - 1)] = 0
     seeds: Annotated[int, Field(ge=1)] = 1
+    shared: bool = Field(
+        default=False,
+        description="Whether a draw has one bias, clock error and plate scale of each telescope for all points",
+    )
 
     def complaints(self) -> list[tuple[KeyPath, str]]:
-        """More than one seed has a meaning only where something is drawn."""
+        """Seeds and shared errors have a meaning only where something is drawn."""
+        if self.shared and not self.draws:
+            return [(("shared",), "nothing is drawn, so no error is shared; say draws: 30 or more")]
         if self.seeds > 1 and not self.draws:
             return [(("seeds",), f"nothing is drawn, so {self.seeds} seeds give one answer; say draws: {self.seeds}")]
         return []
@@ -127,7 +167,11 @@ class FindBlock(Block):
 class ImpactorsBlock(Block):
     """Impactors drawn from the orbits of a catalogue, and companions that miss."""
 
-    orbits: Text = Field(description="Catalogue of near-Earth objects, of which orbits are drawn by Opik's probability")
+    orbits: Text = Field(
+        default=PUBLISHED,
+        description=f"Catalogue of near-Earth objects, of which orbits are drawn by Opik's probability; {PUBLISHED}: "
+        "the model of Granvik et al. 2018",
+    )
     n: Annotated[int, Field(ge=1, le=1_000_000)] = Field(description="Impactors")
     misses: Annotated[int, Field(ge=0, le=1_000_000)] = Field(default=0, description="Companions that miss")
     within: PositiveLength = Field(default=100_000.0, description="How far misses pass the Earth's centre at the most")
@@ -175,6 +219,13 @@ class RequireBlock(Block):
     )
 
 
+class WarningBlock(Block):
+    """From when on an object is warned of."""
+
+    of: Text = Field(description="Name of an answer, such as a probability of impact")
+    at_least: Text | float = Field(description="From which it is a warning", examples=[0.01])
+
+
 class StudyFile(Block):
     """A study."""
 
@@ -189,6 +240,7 @@ class StudyFile(Block):
     answer: Annotated[Several[AnswerBlock], Field(min_length=1, max_length=MOST_ANSWERS)]
     find: FindBlock | None = None
     require: RequireBlock | None = None
+    warning: WarningBlock | None = None
 
     def complaints(self) -> list[tuple[KeyPath, str]]:
         """Something is varied, or required."""

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from nebosvod.studies.population import SEEN, interval
 from nebosvod.studies.question import Search, Study
 
 Array = npt.NDArray[np.float64]
@@ -168,31 +169,19 @@ def indices(values: Array) -> tuple[Array, Array]:
 
 
 def completeness(study: Study, columns: Columns) -> list[dict[str, Any]]:
-    """Of objects of a catalogue: how many are seen at all, by the values of what else is varied.
-
-    Notes
-    -----
-    The interval is that of Clopper and Pearson, for objects that are a sample: an orbit error or bias that all objects
-    share would make it wider.
-
-    References
-    ----------
-    Clopper, Pearson 1934, Biometrika 26, 404.
-    """
-    if study.catalogue is None:
+    """Of objects of a catalogue: how many are seen at all, by the values of what else is varied."""
+    if study.objects is None or study.objects.drawn:  # of drawn ones `population` tells more
         return []
-    from scipy import stats
-
     others = [axis.name for axis in study.axes if axis.name != "object"]
     groups: dict[tuple[Any, ...], list[str]] = {}
-    keys = zip(*(columns[name].tolist() for name in others)) if others else iter([()] * len(columns["status"]))
-    for key, status in zip(keys, columns["status"].tolist()):
+    once = slice(None, None, max(1, study.drawn))
+    statuses_of = columns["status"][once].tolist()
+    keys = zip(*(columns[name][once].tolist() for name in others)) if others else iter([()] * len(statuses_of))
+    for key, status in zip(keys, statuses_of):
         groups.setdefault(key, []).append(status)
     rows = []
     for key, statuses in groups.items():
-        n, seen = len(statuses), sum(one in ("ok", "no_answer") for one in statuses)
-        low = float(stats.beta.ppf(0.025, seen, n - seen + 1)) if seen else 0.0
-        high = float(stats.beta.ppf(0.975, seen + 1, n - seen)) if seen < n else 1.0
+        n, seen = len(statuses), sum(one in SEEN for one in statuses)
         where = {name: _plain(value) for name, value in zip(others, key)}
-        rows.append({"where": where, "n": n, "n_seen": seen, "share": seen / n, "interval_95": [low, high]})
+        rows.append({"where": where, "n": n, "n_seen": seen, "share": seen / n, "interval_95": interval(seen, n)})
     return rows

@@ -1,11 +1,11 @@
 """Impactors drawn from orbits of near-Earth objects, and companions that miss: who would have been warned of what?
 
-Orbits come from a catalogue and are drawn by their probability of encounter with the Earth (Opik's theory, circular
-orbit of the Earth, focusing by its gravity). The direction of approach is one of the four of such an orbit, the time is
-even over a span, the place on the target plane even over the disc that the Earth captures: so elevations of entry
-follow sin 2e, and places, directions and speeds belong together. Companions are drawn in the same way from the ring
-around that disc, out to a stated distance: without them nobody knows how many warnings are false. Diameters follow a
-power law. Everything is a function of the seed.
+Orbits are drawn from a population (`near_earth`) by their probability of encounter with the Earth (Opik's theory,
+circular orbit of the Earth, focusing by its gravity). The direction of approach is one of the four of such an orbit,
+the time is even over a span, the place on the target plane even over the disc that the Earth captures: so elevations of
+entry follow sin 2e, and places, directions and speeds belong together. Companions are drawn in the same way from the
+ring around that disc, out to a stated distance: without them nobody knows how many warnings are false. Diameters follow
+a power law. Everything is a function of the seed.
 
 References
 ----------
@@ -15,7 +15,6 @@ Brown et al. 2002, Nature 420, 294: number of impactors above a diameter goes wi
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -26,9 +25,7 @@ import numpy.typing as npt
 from nebosvod.dynamics import Ephemeris
 from nebosvod.dynamics.constants import EARTH_FLATTENING, EARTH_RADIUS_KM
 from nebosvod.errors import InputError
-from nebosvod.mission import load_mission
 from nebosvod.mission.fields import epoch_text
-from nebosvod.mission.reading.reader import Editable
 from nebosvod.observation.earth.ground import R_itrf_from_icrf
 from nebosvod.timescale import Epoch
 from nebosvod.units import AU_KM
@@ -62,6 +59,24 @@ class Draw:
     seed: int
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Drawn:
+    """What is known of an object beside its orbit.
+
+    Attributes
+    ----------
+    hits : or misses.
+    diameter_m : of it.
+    sun_angle_deg : between the Sun and where it comes from, before the Earth bends its way: below 90 from the day sky.
+    weight : of how many near misses out to the stated distance it stands, for each impactor; 1 for an impactor.
+    """
+
+    hits: bool
+    diameter_m: float
+    sun_angle_deg: float
+    weight: float
+
+
 def encounter_probability(a_au: Array, e: Array, i_rad: Array) -> tuple[Array, Array]:
     """Mean number of impacts a year (n,), and U (n, 3) without signs: velocity by that of the Earth on its way.
 
@@ -86,63 +101,54 @@ def capture_radius_km(v_km_s: Array | float, gm_km3_s2: float = 398600.4415) -> 
     return np.asarray(level * np.sqrt(1.0 + 2.0 * gm_km3_s2 / level / np.asarray(v_km_s) ** 2))
 
 
-def draw_objects(rows: Sequence[Mapping[str, Any]], drawn: Draw, ephemeris: Ephemeris) -> list[dict[str, Any]]:
-    """Objects as of a catalogue: `name`, `orbit`, `magnitude`, and whether it `hits`.
+def draw_objects(orbits: tuple[Array, Array, Array], drawn: Draw, ephemeris: Ephemeris) -> list[dict[str, Any]]:
+    """Objects as of a catalogue: `name`, `orbit`, `magnitude`, and what is known of each as `Drawn`.
 
     Parameters
     ----------
-    rows : of a catalogue (`catalogue.read_catalogue`).
+    orbits : a in au, e, and i in rad (n,), of which is drawn (`near_earth`).
 
     Raises
     ------
     InputError
-        If no orbit of the catalogue can meet the Earth.
+        If none of them can meet the Earth.
     CoverageError
         If the ephemeris does not cover the span.
     """
-    a, e, i = (np.array(column) for column in zip(*_elements(rows)))
-    chance, U = encounter_probability(a, e, i)
+    chance, U = encounter_probability(*orbits)
     if not chance.sum() > 0.0:
         raise InputError("none of its orbits crosses that of the Earth: no impactor can be drawn from them")
+    part = chance / chance.sum()
     found = []
     for number in range(drawn.impacts + drawn.misses):
         hits = number < drawn.impacts
         rng = np.random.default_rng(np.random.SeedSequence(drawn.seed, spawn_key=(number,)))
-        which = int(rng.choice(len(chance), p=chance / chance.sum()))
+        which = int(rng.choice(len(part), p=part))
         signs = rng.choice([-1.0, 1.0], 2)
         v = U[which] * EARTH_SPEED_KM_S * np.array([signs[0], 1.0, signs[1]])
         epoch = drawn.start + float(rng.uniform(0.0, drawn.days)) * DAY_S
-        orbit = _orbit(ephemeris, epoch, v, rng, drawn, hits)
+        orbit, weight = _orbit(ephemeris, epoch, v, rng, drawn, hits)
         low, high = drawn.smallest_m**-SIZE_POWER, drawn.largest_m**-SIZE_POWER
         diameter_m = float((low + (high - low) * rng.uniform()) ** (-1.0 / SIZE_POWER))
         found.append({
             "name": f"{'impactor' if hits else 'near miss'} {number if hits else number - drawn.impacts}",
             "orbit": orbit,
             "magnitude": {"H": round(5.0 * math.log10(1.329e6 / math.sqrt(ALBEDO) / diameter_m), 3), "G": 0.15},
-            "hits": hits,
+            "drawn": Drawn(
+                hits=hits, diameter_m=diameter_m, weight=weight,
+                sun_angle_deg=math.degrees(math.acos(float(v[0] / np.linalg.norm(v)))),
+            ),
         })  # fmt: skip
     return found
 
 
-def _elements(rows: Sequence[Mapping[str, Any]]) -> Iterator[tuple[float, float, float]]:
-    """a in au, e, and i in rad of the orbits of a catalogue."""
-    reader = Editable(load_mission("minimal"))
-    for row in rows:
-        orbit = reader.edited({"object.orbit": row["orbit"]}).object.orbit
-        if orbit.representation == "keplerian":
-            a, e, i, *_ = orbit.elements
-        elif orbit.representation == "cometary" and orbit.elements[0] < 1.0:
-            e, q, *_, i = orbit.elements
-            a = q / (1.0 - e)
-        else:
-            raise InputError(f"{row['name']}: is no ellipse by its elements, of which impactors are drawn")
-        yield a / AU_KM, e, i
-
-
 def _orbit(
     ephemeris: Ephemeris, epoch: Epoch, v: Array, rng: np.random.Generator, drawn: Draw, hits: bool
-) -> dict[str, Any]:
-    """An orbit that approaches with a velocity on the Earth's axes, at a random place of its target plane."""
+) -> tuple[dict[str, Any], float]:
+    """An orbit that approaches with a velocity on the Earth's axes, at a random place of its target plane.
+
+    And its weight: misses are drawn of the orbits that hit, and pass in proportion to the ring, not to the disc.
+    """
     at = np.zeros(1)
     earth = ephemeris.state_km_km_s("earth", epoch, at)[0] - ephemeris.state_km_km_s("sun", epoch, at)[0]
     gm = ephemeris.gm_km3_s2["earth"]
@@ -159,14 +165,15 @@ def _orbit(
     angle = rng.uniform(0.0, 2.0 * math.pi)
     offset = b * (math.cos(angle) * side[0] + math.sin(angle) * side[1])
     r, w = hyperbola_state(far, offset, gm, EARTH_RADIUS_KM + ENTRY_KM if hits else None)
+    weight = 1.0 if hits else (ring[1] ** 2 - ring[0] ** 2) / inner**2
     if not hits:
         state = earth + np.concatenate([r, w])
         return {
             "kind": "state", "frame": "icrf", "epoch": epoch_text(epoch),
             "position": [f"{value!r} km" for value in state[:3].tolist()],
             "velocity": [f"{value!r} km/s" for value in state[3:].tolist()],
-        }  # fmt: skip
-    return _impact(epoch, r, w)
+        }, weight  # fmt: skip
+    return _impact(epoch, r, w), weight
 
 
 def hyperbola_state(far: Array, offset: Array, gm: float, radius_km: float | None) -> tuple[Array, Array]:

@@ -4,7 +4,7 @@ The first estimator, no drawn noise, no iteration: as a run, but for the terms o
 brings. Predictions and budgets are made when they are asked for.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -17,18 +17,32 @@ from nebosvod.engine.mean_errors import MeanErrors, mean_errors
 from nebosvod.engine.quantity import M_PER_KM, Quantity, known_partials
 from nebosvod.engine.trial import generator
 from nebosvod.engine.truth import draw
-from nebosvod.errors import GeometryError
+from nebosvod.errors import GeometryError, NoAnswerError
 from nebosvod.estimation import Estimate
 from nebosvod.findings.foretold import Missing, believable, predicted
 from nebosvod.findings.nonlinearity import Nonlinearity
-from nebosvod.findings.prediction import Answered, answered
+from nebosvod.findings.prediction import Answered, answered, unanswered
 from nebosvod.mission import Mission, SkyPrediction
 from nebosvod.mission.request import Prediction
 from nebosvod.scene.prior import STATE_NAMES, prior_table
-from nebosvod.scene.scene import PlannedScene, build_scene
+from nebosvod.scene.scene import PlannedScene, build_scene, seen_until
 from nebosvod.scene.sharing import ALONE, Shared
 
 Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Seed:
+    """Of a drawn truth.
+
+    Attributes
+    ----------
+    own : seed and key of this point; outer : of the constant errors of telescopes, which many points have in common;
+        None where each point has its own.
+    """
+
+    own: tuple[int, ...]
+    outer: tuple[int, ...] | None = None
 
 
 @dataclass(slots=True, kw_only=True, eq=False)
@@ -39,12 +53,17 @@ class Point:
     ----------
     mean_errors : what is off on average from what the estimator assumes.
     times_s : of the measurements, TDB s after the reference epoch.
+    trajectory : of the estimate.
+    again : the same with what is measured until a time, TDB s after the reference epoch.
     """
 
     scene: PlannedScene
     estimate: Estimate
     mean_errors: MeanErrors
     times_s: Array
+    trajectory: Trajectory
+    again: Callable[[float], "Point"]
+    _earlier: dict[float, "Point | None"] = field(default_factory=dict)
     _quantities: dict[str, Quantity] = field(default_factory=dict)
     _missing: dict[str, Missing] = field(default_factory=dict)
     _answered: dict[str, Answered | None] = field(default_factory=dict)
@@ -57,6 +76,27 @@ class Point:
                 None if asked is None else answered(asked, self.estimate, "", (), NOT_MEASURED, self.mean_errors)
             )
         return self._answered[name]
+
+    def earlier(self, before_s: float) -> "Point | None":
+        """What was known so long before the epoch of the orbit, which of kind impact is when it comes down.
+
+        None where nothing was measured until then, or not enough for an orbit.
+        """
+        if before_s not in self._earlier:
+            last_s = self.falls_s - before_s
+            try:
+                found = self if self.times_s[-1] <= last_s else self.again(last_s)
+            except (GeometryError, NoAnswerError):
+                found = None
+            self._earlier[before_s] = found
+        return self._earlier[before_s]
+
+    def chance(self, name: str) -> float | None:
+        """Linear probability of impact of a prediction, of one too that is too uncertain to be told."""
+        if name in self._missing:
+            return unanswered(self._missing[name], self.estimate, "", self.mean_errors).impact_probability
+        found = self.prediction(name)
+        return None if found is None else found.impact_probability
 
     def why_not(self, name: str) -> str:
         """Why a prediction does not exist; empty for one that does."""
@@ -86,10 +126,14 @@ class Point:
         names = [one.name for one in self.scene.telescopes]
         return int(np.count_nonzero(self.scene.visibilities[names.index(telescope)].visible))
 
+    @property
+    def falls_s(self) -> float:
+        """The epoch of the orbit, which of kind impact is when it comes down, TDB s after the reference epoch."""
+        return float(self.scene.mission.object.orbit.epoch - self.scene.epoch)
+
     def warning_s(self) -> float:
-        """From the first measurement to the epoch of the orbit, which of kind impact is when it comes down."""
-        mission = self.scene.mission
-        return float((mission.object.orbit.epoch - mission.reference_epoch) - self.times_s[0])
+        """From the first measurement to the epoch of the orbit."""
+        return float(self.falls_s - self.times_s[0])
 
     def _shares(self, W: Array, names: tuple[str, ...]) -> dict[str, float]:
         parts = {source: float(np.sum(f**2)) for source, f in self.estimate.predict(W, names).factors.items()}
@@ -120,15 +164,13 @@ def _predicted(
     return found, missing
 
 
-def evaluate(
-    mission: Mission, wanted: frozenset[str], seed: tuple[int, ...] | None = None, shared: Shared = ALONE
-) -> Point:
+def evaluate(mission: Mission, wanted: frozenset[str], seed: Seed | None = None, shared: Shared = ALONE) -> Point:
     """Evaluate a mission.
 
     Parameters
     ----------
     wanted : names of the predictions that are asked for.
-    seed : the seed and the key of a drawn truth, which is then estimated to convergence; None for the covariance at
+    seed : of a drawn truth, which is then estimated to convergence; None for the covariance at
         the reference orbit.
     shared : of the points before; what this one has in common with them is taken from there.
 
@@ -139,7 +181,12 @@ def evaluate(
     NebosvodError
         As the stages raise it.
     """
-    scene = build_scene(mission, shared)
+    return _evaluated(build_scene(mission, shared), wanted, seed, shared)
+
+
+def _evaluated(scene: PlannedScene, wanted: frozenset[str], seed: Seed | None, shared: Shared) -> Point:
+    """A scene evaluated."""
+    mission = scene.mission
     priors = prior_table(mission, scene.forces, scene.state)
     nominal, estimator = nominal_view(scene, shared=shared), mission.estimators[0]
     trajectory = scene.trajectory
@@ -150,7 +197,7 @@ def evaluate(
         known = None if estimate.solution is None else solve
         off = mean_errors(scene, estimator, nominal.terms, priors, problem, known)
     else:
-        truth = draw(scene, priors, generator(*seed), nominal.point)
+        truth = draw(scene, priors, generator(*seed.own), nominal.point, seed.outer)
         found = fit(scene, estimator, nominal, truth.psi, truth.priors, history=False)
         estimate, trajectory, off = found.estimate, found.trajectory, found.mean_errors
     if estimate.solution is None:
@@ -162,6 +209,8 @@ def evaluate(
         estimate=estimate,
         mean_errors=off,
         times_s=nominal.observation.t_s,
+        trajectory=trajectory,
+        again=lambda last_s: _evaluated(seen_until(scene, last_s, shared), wanted, seed, shared),
         _quantities={one.request.name: one for one in told.found},
         _missing={one.request.name: one for one in told.missing},
     )

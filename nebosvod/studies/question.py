@@ -5,9 +5,11 @@ It is read like a mission: strictly, and with everything that is wrong at its li
 
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from difflib import get_close_matches
+from functools import cache
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -16,18 +18,19 @@ from pydantic import ValidationError
 from nebosvod.borders.expression import Expression, as_word, read_expression
 from nebosvod.errors import InputError
 from nebosvod.mission import Mission, load_mission
-from nebosvod.mission.fields import KeyPath, epoch_text
+from nebosvod.mission.fields import KeyPath
 from nebosvod.mission.reading.explain import Explainer
 from nebosvod.mission.reading.reader import Editable
 from nebosvod.mission.yaml.yamlfile import Problem, Tree, YamlFile, parse_yaml, read_text, shown
 from nebosvod.scene.sharing import Shared
 from nebosvod.studies.answers import Asked, read_answer
 from nebosvod.studies.axes import Axis, in_unit, read_axis
-from nebosvod.studies.catalogue import read_catalogue
-from nebosvod.studies.file import AxisBlock, ImpactorsBlock, StudyFile
+from nebosvod.studies.file import AxisBlock, ObjectsBlock, StudyFile
+from nebosvod.studies.near_earth import PUBLISHED
+from nebosvod.studies.objects import Objects, file_of, read_objects
 from nebosvod.studies.requirement import Needed, Requirement
 from nebosvod.studies.sampling import Points, Sample
-from nebosvod.timescale import SECONDS_PER_DAY, Epoch
+from nebosvod.timescale import SECONDS_PER_DAY
 
 MOST_LINES = 50
 PROBED = 200  # values of a list that are tried on the mission before anything runs
@@ -64,6 +67,20 @@ class Search:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Alarm:
+    """From what number on an object is warned of.
+
+    Attributes
+    ----------
+    answer : its name in the file; columns : of the table; at_least : in their unit.
+    """
+
+    answer: str
+    columns: tuple[str, ...]
+    at_least: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Study:
     """A study that was read: what its file says, on the mission that it names.
 
@@ -71,7 +88,10 @@ class Study:
     ----------
     text, path : of the file; path is None for text.
     drawn : how often each point is drawn; 0 for the covariance at the reference orbit.
-    catalogue : the file of the objects that take the place of the mission's.
+    outer : whether the constant errors of telescopes are drawn once for all points of a draw.
+    catalogue : the file of the objects that take the place of the mission's, or of the orbits they are drawn of.
+    objects : those objects; None where there are none.
+    warning : from what number on an object is warned of; None where the study does not say.
     editable : makes the mission of a point; points : what is varied there.
     shared : what its points have in common.
     """
@@ -85,10 +105,13 @@ class Study:
     sample: Sample
     drawn: int
     seed: int
+    outer: bool
     answers: tuple[Asked, ...]
     search: Search | None
     requirement: Requirement | None
     catalogue: Path | None
+    objects: Objects | None
+    warning: Alarm | None
     editable: Editable = field(repr=False)
     points: Points
     shared: Shared = field(default_factory=Shared, repr=False)
@@ -99,6 +122,11 @@ class Study:
         from nebosvod.studies.stored import load_table
 
         return load_table(folder)
+
+    @property
+    def titles(self) -> dict[str, tuple[str, float]]:
+        """Of each answer at a stated time: the name it has in the file, and how long before, days."""
+        return {one.name: (one.title, one.before_s / SECONDS_PER_DAY) for one in self.answers if one.before_s}
 
     @property
     def wanted(self) -> frozenset[str]:
@@ -125,7 +153,7 @@ class Study:
 
 
 def load_study(path: str | Path) -> Study:
-    """Load the file of a study.
+    """Load the file of a study, or a built-in study by its name.
 
     Raises
     ------
@@ -133,7 +161,21 @@ def load_study(path: str | Path) -> Study:
         With one line for each thing that is wrong, `file:line:col: field: what; hint`, in the order of the file.
     """
     file = Path(path)
+    if str(path) in builtin_studies() and not file.exists():
+        file = _folder() / f"{path}.yaml"
     return load_study_text(read_text(file), shown(str(path)), file)
+
+
+def _folder() -> Path:
+    """Where the built-in studies are installed."""
+    return Path(str(files("nebosvod.scenarios.studies")))
+
+
+@cache
+def builtin_studies() -> tuple[str, ...]:
+    """Names of the built-in studies, sorted; the missions beside them are what they vary."""
+    texts = {path.stem: path.read_text("utf-8") for path in _folder().glob("*.yaml")}
+    return tuple(sorted(name for name, text in texts.items() if "\nstudy:" in text))
 
 
 def load_study_text(text: str, name: str = "study", path: Path | None = None) -> Study:
@@ -168,14 +210,15 @@ class _Reading:
         if mission is None:
             return None
         editable = Editable(mission)
-        catalogue = self._catalogue(path)
-        objects = self._objects(catalogue, mission, editable) if catalogue is not None else None
+        block = self.block.objects
+        catalogue = file_of(block, path) if block is not None else None
+        objects = self._objects(block, catalogue, mission, editable) if block is not None else None
         axes = [axis for name, one in self.block.vary.items() if (axis := self._axis(name, one, mission, editable))]
         answers = tuple(self._answers(mission))
         search = self._search(axes, answers)
         requirement = self._requirement(mission, editable, answers)
         if objects is not None:
-            axes.insert(0, objects)
+            axes.insert(0, objects.axis)
         if self.problems:
             return None
         return Study(
@@ -188,10 +231,13 @@ class _Reading:
             sample=self.block.sample,
             drawn=self.block.repeat.draws,
             seed=self.block.repeat.seed,
+            outer=self.block.repeat.shared,
             answers=answers,
             search=search,
             requirement=requirement,
             catalogue=catalogue,
+            objects=objects,
+            warning=self._warning(answers),
             editable=editable,
             points=Points(axes, self.block.sample),
         )
@@ -243,46 +289,30 @@ class _Reading:
                         self._say(place, line)
                     said.add(plain)
 
-    def _catalogue(self, path: Path | None) -> Path | None:
-        """The file of the objects, or of the orbits of which they are drawn."""
-        wanted = self.block.objects
-        if wanted is None:
-            return None
-        name = wanted.from_ if wanted.impactors is None else wanted.impactors.orbits
-        return (path.parent if path is not None else Path()) / str(name)
-
-    def _objects(self, catalogue: Path, mission: Mission, editable: Editable) -> Axis:
-        """Objects as an axis: each changes several places of the mission at once."""
-        wanted = self.block.objects
-        drawn = wanted.impactors if wanted is not None else None
-        place: KeyPath = ("objects", "from") if drawn is None else ("objects", "impactors", "orbits")
-        rows: list[dict[str, Any]] = []
-        changes: list[dict[str, Tree]] = []
+    def _objects(self, block: ObjectsBlock, file: Path | None, mission: Mission, editable: Editable) -> Objects | None:
+        """Objects as an axis, the first one tried on the mission."""
+        place: KeyPath = ("objects", "from") if block.impactors is None else ("objects", "impactors", "orbits")
         try:
-            rows = read_catalogue(catalogue)[: wanted.first if wanted is not None else None]
-            if drawn is not None:
-                rows = _drawn(rows, drawn)
-            move = wanted is not None and (wanted.move if wanted.move is not None else drawn is not None)
-            changes = [_changes(row, mission, move) for row in rows]
+            found = read_objects(block, file, mission)
         except InputError as error:
             self._say(place, str(error))
-        names = tuple(str(row["name"]) for row in rows)
-        if changes:
-            self._first = dict(changes[0])
-            try:
-                editable.edited(self._first)
-            except InputError as error:
-                self._say(place, f"{catalogue}: its first object: {error}")
-        elif not self.problems:
-            self._say(place, f"{catalogue}: holds no objects")
-        return Axis(name="object", paths=(), values=(*changes,), texts=names)
+            return None
+        if not found.axis.values:
+            self._say(place, f"{file}: holds no objects")
+            return None
+        self._first = found.axis.changes(found.axis.values[0])
+        try:
+            editable.edited(self._first)
+        except InputError as error:
+            self._say(place, f"{file or PUBLISHED}: its first object: {error}")
+        return found
 
     def _requirement(self, mission: Mission, editable: Editable, answers: tuple[Asked, ...]) -> Requirement | None:
         block = self.block.require
         if block is None:
             return None
         asked = next((one for one in answers if one.name == block.of and not one.shares), None)
-        names = [one.name for one in self.block.answer]
+        names = [*(one.name for one in answers), *(one.name for one in self.block.answer)]
         if block.of not in names or (asked is None and any(one.name == block.of for one in answers)):
             self._say(("require", "of"), _no_number(block.of, [one.name for one in answers if not one.shares]))
         limit = math.nan
@@ -325,13 +355,36 @@ class _Reading:
                 continue
             taken.add(one.name)
             try:
-                yield read_answer(one.name, one.of, mission)
+                asked = read_answer(one.name, one.of, mission)
             except InputError as error:
                 self._say(("answer", number, "of"), str(error))
+                continue
+            if one.before is None:
+                yield asked
+                continue
+            yield from (asked.before(duration_s, text) for duration_s, text in one.before)
+
+    def _warning(self, answers: tuple[Asked, ...]) -> Alarm | None:
+        block = self.block.warning
+        if block is None:
+            return None
+        columns = [one for one in answers if one.title == block.of and not one.shares]
+        if not columns:
+            self._say(("warning", "of"), _no_number(block.of, list({one.title for one in answers if not one.shares})))
+            return None
+        try:
+            at_least = in_unit(
+                block.at_least if isinstance(block.at_least, str) else repr(block.at_least), columns[0].unit
+            )
+        except InputError as error:
+            self._say(("warning", "at_least"), str(error))
+            return None
+        return Alarm(answer=block.of, columns=tuple(one.name for one in columns), at_least=at_least)
 
     def _search(self, axes: list[Axis], answers: tuple[Asked, ...]) -> Search | None:
         find = self.block.find
-        known = {*self.block.vary, *(one.name for one in self.block.answer)}  # what is wrong with one is said there
+        known = {*self.block.vary, *(one.name for one in answers)}
+        known |= {one.name for one in self.block.answer if one.before is None}  # what is wrong with one is said there
         if find is None:
             return None
         shares = {one.name for one in answers if one.shares}
@@ -369,41 +422,6 @@ class _Reading:
                     yield Condition(name=name, sign=match[1], limit=limit, text=text)
                 except InputError as error:
                     self._say(path, str(error))
-
-
-def _drawn(rows: Sequence[Mapping[str, Any]], block: ImpactorsBlock) -> list[dict[str, Any]]:
-    """Impactors and misses from the orbits of a catalogue."""
-    from nebosvod.dynamics import Ephemeris
-    from nebosvod.studies.impactors import Draw, draw_objects
-
-    drawn = Draw(
-        impacts=block.n,
-        misses=block.misses,
-        within_km=block.within,
-        start=block.start,
-        days=block.span / SECONDS_PER_DAY,
-        smallest_m=block.smallest,
-        largest_m=block.largest,
-        seed=block.seed,
-    )
-    return draw_objects(rows, drawn, Ephemeris.load())
-
-
-def _changes(row: Mapping[str, Any], mission: Mission, move: bool) -> dict[str, Tree]:
-    """What an object changes in a mission, by path; its epochs too, where they move with that of the orbit."""
-    found: dict[str, Tree] = {"object.name": row["name"], "object.orbit": row["orbit"]}
-    if "magnitude" in row:
-        found["object.magnitude"] = row["magnitude"]
-    if not move:
-        return found
-    orbit = row["orbit"]
-    shift_s = Epoch.parse(str(orbit.get("at", orbit.get("epoch")))) - mission.object.orbit.epoch
-    places: dict[str, Epoch] = {"reference_epoch": mission.reference_epoch}
-    for k, arc in enumerate(mission.schedule):
-        places |= {f"schedule.{k}.start": arc.start, f"schedule.{k}.end": arc.end}
-    for k, one in enumerate(mission.predictions):
-        places[f"predictions.{k}.{'near' if hasattr(one, 'near') else 'at'}"] = one.when
-    return found | {place: epoch_text(epoch + shift_s) for place, epoch in places.items()}
 
 
 def _no_number(name: str, allowed: list[str]) -> str:

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from nebosvod.results.result import Table, ecsv_text
 from nebosvod.studies.finding import completeness, found_point, pareto, sensitivities, slopes
+from nebosvod.studies.population import DRAWN_UNITS, drawn_columns, population
 from nebosvod.studies.question import Study
 from nebosvod.studies.stored import require_parquet
 from nebosvod.version import __version__
@@ -46,6 +47,8 @@ class StudyTable:
         values = [[shown for _, shown in points[number]] for number in range(points.count)]
         for k, axis in enumerate(study.axes):
             columns[axis.name] = np.repeat(np.array([one[k] for one in values]), repeat)
+        if "object" in columns:
+            columns |= drawn_columns(study, columns["object"])
         leading = {}
         for k, asked in enumerate(study.answers):
             if asked.shares:
@@ -58,7 +61,7 @@ class StudyTable:
             values_of = {name: columns[name] for name in study.search.cost.names}
             columns["cost"] = np.broadcast_to(np.asarray(study.search.cost(values_of), dtype=float), (rows,)).copy()
         columns |= {"status": arrays["status"], "message": arrays["message"]}
-        units = {name: unit for name, unit in study.units.items() if name in columns}
+        units = {name: unit for name, unit in (study.units | DRAWN_UNITS).items() if name in columns}
         return cls(columns=columns, units=units, leading=leading, text=study.text)
 
     def written(self, parquet: bool) -> tuple[str, bytes]:
@@ -98,7 +101,8 @@ def _parquet(table: StudyTable) -> bytes:
 def summary_of(study: Study, table: StudyTable, required: dict[str, Any] | None = None) -> dict[str, Any]:
     """What study.json holds: no time, no path, no count of workers in it."""
     columns, status = table.columns, table.columns["status"]
-    failed, without = np.flatnonzero(status == "failed"), np.flatnonzero(status == "no_answer")
+    failed = np.flatnonzero(status == "failed")
+    without = np.flatnonzero(status == "no_answer")
     told = sorted([*failed.tolist(), *without.tolist()])[:MOST_FAILURES]
     return {
         "schema_version": SCHEMA_VERSION,
@@ -113,6 +117,7 @@ def summary_of(study: Study, table: StudyTable, required: dict[str, Any] | None 
         "sample": {"method": study.sample.method, "n": study.sample.n, "seed": study.sample.seed},
         "draws": study.drawn,
         "seed": study.seed,
+        "shared_errors": study.outer,
         "vary": [_axis(axis, columns[axis.name]) for axis in study.axes],
         "answers": [_answer(one, columns, table) for one in study.answers],
         "n_points": study.points.count,
@@ -124,6 +129,8 @@ def summary_of(study: Study, table: StudyTable, required: dict[str, Any] | None 
             for number in told
         ],
         "seen": completeness(study, columns),
+        "n_not_determined": int(np.sum(status == "not_determined")),
+        "population": population(study, columns),
         "find": found_point(study, columns),
         "pareto": pareto(study, columns),
         "slopes": slopes(study, columns),
@@ -154,7 +161,10 @@ def _even_in_log(values: Sequence[float]) -> bool:
 
 
 def _answer(asked: Any, columns: Mapping[str, npt.NDArray[Any]], table: StudyTable) -> dict[str, Any]:
-    row = {"name": asked.name, "of": asked.of, "unit": asked.unit, "shares": asked.shares}
+    row = {
+        "name": asked.name, "of": asked.of, "unit": asked.unit, "shares": asked.shares, "title": asked.title,
+        "before_d": asked.before_s / 86400.0 if asked.before_s else None,
+    }  # fmt: skip
     if asked.shares:
         word, sources = table.leading[asked.name]
         counts = {source: int(np.sum(columns[word] == source.removeprefix(f"{asked.name}: "))) for source in sources}

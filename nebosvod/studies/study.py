@@ -12,12 +12,12 @@ import numpy as np
 import numpy.typing as npt
 
 from nebosvod.borders.wholefile import refuse_link
-from nebosvod.errors import InputError, NebosvodError, OutputError, UnseenError
+from nebosvod.errors import GeometryError, InputError, NebosvodError, OutputError, UnseenError
 from nebosvod.mission.yaml.yamlfile import Tree
 from nebosvod.results.ownership import sha256_of
 from nebosvod.results.result import json_text
 from nebosvod.studies.chunked import ChunkedFolder, Kind
-from nebosvod.studies.point import Point, evaluate
+from nebosvod.studies.point import Point, Seed, evaluate
 from nebosvod.studies.question import Study, load_study_text
 from nebosvod.studies.requirement import required
 from nebosvod.studies.results import StudyTable, summary_of
@@ -28,7 +28,7 @@ from nebosvod.version import __version__
 MOST_ROWS = 10_000_000
 MOST_IN_CHUNK, FEWEST_CHUNKS = 100, 64
 LONGEST_MESSAGE = 400
-OK, NO_ANSWER, UNSEEN, FAILED = "ok", "no_answer", "not_seen", "failed"
+OK, NO_ANSWER, UNSEEN, UNDETERMINED, FAILED = "ok", "no_answer", "not_seen", "not_determined", "failed"
 KEYS = (
     "study", "study_sha256", "study_path", "mission_sha256", "inputs_sha256", "version", "rows", "chunk_rows",
 )  # fmt: skip
@@ -257,12 +257,14 @@ def evaluate_row(study: Study, number: int) -> tuple[str, str, list[Any]]:
         point = row(study, number)
         found = [one.take(point) for one in study.answers]
     except UnseenError as error:
-        return UNSEEN if study.catalogue is not None else FAILED, str(error), [None] * len(study.answers)
+        return UNSEEN if study.objects is not None else FAILED, str(error), [None] * len(study.answers)
+    except GeometryError as error:
+        return UNDETERMINED if study.objects is not None else FAILED, str(error), [None] * len(study.answers)
     except NebosvodError as error:
         return FAILED, str(error), [None] * len(study.answers)
     except (ArithmeticError, LookupError, TypeError, ValueError) as error:
         return FAILED, f"internal error: {type(error).__name__}: {error}", [None] * len(study.answers)
-    without = [one for one, value in zip(study.answers, found) if value is None]
+    without = [one for one, value in zip(study.answers, found) if value is None and not one.before_s]
     if without:
         return NO_ANSWER, _why(study, point, without[0].of, without[0].name), found
     return OK, "", found
@@ -282,5 +284,5 @@ def row(study: Study, number: int) -> Point:
     changes: dict[str, Tree] = {}
     for axis, (value, _) in zip(study.axes, study.points[index]):
         changes |= axis.changes(value)
-    seed = (study.seed, index, draw) if study.drawn else None
-    return evaluate(study.editable.edited(changes), study.wanted, seed, study.shared)
+    seed = Seed(own=(study.seed, index, draw), outer=(study.seed, draw) if study.outer else None)
+    return evaluate(study.editable.edited(changes), study.wanted, seed if study.drawn else None, study.shared)

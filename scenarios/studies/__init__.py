@@ -1,0 +1,1 @@
+"""Built-in studies, and the missions that they vary."""
