@@ -7,6 +7,7 @@ from typing import Any
 import click
 
 from nebosvod.errors import counted
+from nebosvod.report.study_population import before_words
 from nebosvod.studies.axes import Axis
 from nebosvod.studies.question import Study
 from nebosvod.studies.requirement import words
@@ -78,6 +79,8 @@ def print_study(found: Mapping[str, Any], folder: Path) -> None:
             f"  seen at all: {one['n_seen']} of {counted(one['n'], 'object')}, {100 * one['share']:.3g} % "
             f"(95 %: {100 * low:.3g} to {100 * high:.3g} %){f'; {where}' if where else ''}"
         )
+    if found.get("population"):
+        _print_population(found["population"])
     if found["find"]:
         click.echo(f"found: {found_words(found)}")
     if found["require"]:
@@ -90,6 +93,33 @@ def print_study(found: Mapping[str, Any], folder: Path) -> None:
         for one in found["failures"][:3]:
             click.echo(f"  row {one['row']}: {one['message']}", err=True)
     click.echo(f"page: {folder / 'study.html'}")
+
+
+def _print_population(own: Mapping[str, Any]) -> None:
+    """Of drawn impactors: what is seen, who is warned of, how often for nothing."""
+    click.echo(f"  {counted(own['n_impactors'], 'impactor')}, {own['n_misses']} near misses")
+    for one in own["seen"]:
+        click.echo(f"  seen at all, {one['group']}: {one['k']} of {one['n']}, {_share_words(one)}{_where_words(one)}")
+    for one in own["warned"]:
+        false = one["false_per_impactor"]
+        said = ""
+        if false is not None:
+            low, high = (f"{value:.2g}" for value in false["interval_95"])
+            said = f"; false warnings for each impactor: {false['value']:.2g} ({low} to {high})"
+        when = before_words(one["before_d"])
+        click.echo(f"  warned of, {when}: {_share_words(one['impactors'])}{said}{_where_words(one)}")
+
+
+def _share_words(one: Mapping[str, Any]) -> str:
+    if one["share"] is None:
+        return "none"
+    low, high = one["interval_95"]
+    return f"{100 * one['share']:.3g} % (95 %: {100 * low:.3g} to {100 * high:.3g} %)"
+
+
+def _where_words(one: Mapping[str, Any]) -> str:
+    said = ", ".join(f"{name} {_number(value)}" for name, value in one["where"].items())
+    return f"; {said}" if said else ""
 
 
 def found_words(found: Mapping[str, Any]) -> str:

@@ -73,7 +73,7 @@ def _level(at: Crossing, which: npt.NDArray[np.bool_], weights: Array, epoch: Ep
     mean = float(w @ t)
     ellipse, why, middle = None, "of the Earth alone", int(np.argmin(np.abs(t - mean)))
     if np.isfinite(longitude).all():
-        middle, flat = _flat(longitude, latitude, w)
+        middle, flat = flattened(longitude, latitude, w)
         ellipse, why = _ellipse(flat, w)
     return Level(
         epoch=epoch + mean, sigma_time_s=float(np.sqrt(w @ (t - mean) ** 2)), longitude_deg=float(longitude[middle]),
@@ -82,7 +82,7 @@ def _level(at: Crossing, which: npt.NDArray[np.bool_], weights: Array, epoch: Ep
     )  # fmt: skip
 
 
-def _flat(longitude: Array, latitude: Array, w: Array) -> tuple[int, Array]:
+def flattened(longitude: Array, latitude: Array, w: Array) -> tuple[int, Array]:
     """Which point is amid the others, and all in km east and north of it (n, 2).
 
     Azimuthal equidistant about that point, which keeps the distances from it.

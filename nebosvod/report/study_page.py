@@ -23,6 +23,7 @@ from nebosvod.report.study_figures import (
     shares_plate,
     titled,
 )
+from nebosvod.report.study_population import KIND, seen_table, sky_plate, time_plates, warned_table
 
 Item = Mapping[str, Any]
 Columns = Mapping[str, npt.NDArray[Any]]
@@ -61,6 +62,7 @@ def make_study_page(found: Item, columns: Columns) -> str:
         required=_required(found),
         together=_together(found),
         seen=_seen(found),
+        population=_population(found, columns),
         answers=_answer_table(found),
         table=_download(found, columns),
     )
@@ -140,7 +142,7 @@ def _trade(found: Item, columns: Columns) -> list[Plate]:
     answers = [one for one in found["answers"] if not one["shares"] and one["n"]]
     axes = _shown_axes(found)
     if any(one["name"] == OBJECT for one in found["vary"]):
-        return [distribution_plate(one, columns) for one in answers]
+        return [distribution_plate(one, columns) for one in answers if one.get("before_d") is None]
     if found["sample"]["method"] != "grid":
         numeric = [one for one in found["vary"] if one["numeric"]][:CLOUDS]
         return [cloud_plate(axis, answer, columns) for answer in answers[:2] for axis in numeric]
@@ -220,6 +222,20 @@ def _seen(found: Item) -> Table | None:
         rows.append((*(where or ["all"]), f"{one['n_seen']} of {one['n']}", share))
     head: tuple[Cell, ...] = (*(names or ["objects"]), "seen at all", "share, 95 % interval")
     return Table(caption="Objects that are seen", head=head, align="l" * max(1, len(names)) + "rr", rows=tuple(rows))
+
+
+def _population(found: Item, columns: Columns) -> Mapping[str, Any] | None:
+    """What is said of drawn impactors: tables and figures."""
+    own = found.get("population")
+    if own is None or KIND not in columns:
+        return None
+    return {
+        "seen": seen_table(own),
+        "warned": warned_table(own),
+        "plates": [sky_plate(columns), *time_plates(own)],
+        "shared": own["shared"],
+        "draws": own["draws"],
+    }
 
 
 def _answer_table(found: Item) -> Table:

@@ -12,10 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from nebosvod.dynamics.constants import DAY_S, EARTH_RADIUS_KM
+from nebosvod.dynamics.constants import DAY_S
 from nebosvod.errors import NebosvodError
 from nebosvod.findings.nonlinearity import CHORD, MISLEADS, curvature
 from nebosvod.impacts.cloud import Cloud
+from nebosvod.impacts.corridor import flattened
 from nebosvod.impacts.flight import Course
 from nebosvod.orbits.uncertain import UncertainOrbit
 from nebosvod.scene.prior import STATE_NAMES
@@ -38,8 +39,7 @@ class Fall:
     ----------
     bend : rms departure from linear on the target plane in sigmas; inf where an orbit 1.7 sigma away has no such plane.
     probability : share of the drawn orbits that hit; None where none were drawn.
-    corridor_km : greatest distance on the ground between two of the middle 90 % of those that come down, in the order
-        of the weakest direction; None where too few do.
+    corridor_km : length on the ground of the middle 90 % of those that come down; None where too few do.
     """
 
     bend: float
@@ -87,7 +87,7 @@ def fall(point: Point, name: str, *, corridor: bool) -> Fall | None:
     except (NebosvodError, ArithmeticError, ValueError, IndexError):
         return None
     chance = float(np.mean(cloud.body == "earth"))
-    return Fall(bend=bend, probability=chance, corridor_km=_length(cloud, draws[:, 0]))
+    return Fall(bend=bend, probability=chance, corridor_km=_length(cloud))
 
 
 def _state(point: Point) -> Array:
@@ -134,14 +134,13 @@ def _bend(point: Point, course: Course, S: Array) -> float:
     return curvature((up + down) / CHORD**2, factor).measure
 
 
-def _length(cloud: Cloud, along: Array) -> float | None:
-    """Greatest distance on the ground between the middle 90 % of the members that come down."""
+def _length(cloud: Cloud) -> float | None:
+    """The middle 90 % of the members that come down, along their longest direction on the ground."""
     down = np.flatnonzero(np.isfinite(cloud.entry.longitude_deg) & (cloud.body == "earth"))
     if len(down) < FEWEST:
         return None
-    down = down[np.argsort(along[down], kind="stable")]
-    cut = int(TAIL * len(down))
-    kept = down[cut : len(down) - cut]
-    lon, lat = np.radians(cloud.entry.longitude_deg[kept]), np.radians(cloud.entry.latitude_deg[kept])
-    unit = np.stack([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)], axis=1)
-    return float(EARTH_RADIUS_KM * np.arccos(np.clip((unit @ unit.T).min(), -1.0, 1.0)))
+    weights = np.full(len(down), 1.0 / len(down))
+    _, flat = flattened(cloud.entry.longitude_deg[down], cloud.entry.latitude_deg[down], weights)
+    centred = flat - np.median(flat, axis=0)
+    low, high = np.quantile(centred @ np.linalg.svd(centred, full_matrices=False)[2][0], [TAIL, 1.0 - TAIL])
+    return float(high - low)

@@ -18,6 +18,7 @@ from nebosvod.studies.impactors import (
     encounter_probability,
     hyperbola_state,
 )
+from nebosvod.studies.near_earth import orbits_of, published_orbits
 from nebosvod.studies.question import load_study_text
 from nebosvod.studies.study import evaluate_row
 from nebosvod.timescale import Epoch
@@ -75,7 +76,7 @@ def drawn(place: Path, impacts: int, misses: int, seed: int = 1) -> list[dict[st
         impacts=impacts, misses=misses, within_km=1e5, start=Epoch.parse("2030-01-01T00:00:00 TDB"), days=1826.25,
         smallest_m=20.0, largest_m=300.0, seed=seed,
     )  # fmt: skip
-    return draw_objects(read_catalogue(place / "neos.csv"), asked, Ephemeris.load())
+    return draw_objects(orbits_of(read_catalogue(place / "neos.csv")), asked, Ephemeris.load())
 
 
 def test_probabilities_are_those_of_kesslers_spatial_density() -> None:
@@ -138,6 +139,41 @@ def test_misses_pass_outside_and_inside_the_distance(place: Path) -> None:
         r, v = np.split(np.array(numbers) - earth, 2)
         assert 6478.0 < np.linalg.norm(r) < 100_000.1
         assert abs(r @ v) < 1e-5 * np.linalg.norm(r) * np.linalg.norm(v)
+
+
+def test_published_orbits_come_down_as_fast_as_fireballs_do() -> None:
+    """Brown et al. 2002, Nature 420, 294: bodies hit the Earth at 20.3 km/s on average; and as Opik's weights say."""
+    a, e, i = published_orbits()
+    assert ((a * (1.0 - e) < 1.3) & (a < 4.2) & (e < 1.0) & (i < np.pi)).all()
+    chance, U = encounter_probability(a, e, i)
+    entry = np.sqrt((np.linalg.norm(U, axis=1) * 29.784691831) ** 2 + 2.0 * GM / 6478.0)
+    assert np.average(entry, weights=chance) == pytest.approx(20.3, abs=0.7)
+    asked = Draw(
+        impacts=400, misses=0, within_km=1e5, start=Epoch.parse("2030-01-01T00:00:00 TDB"), days=3652.5,
+        smallest_m=20.0, largest_m=300.0, seed=1,
+    )  # fmt: skip
+    objects = draw_objects((a, e, i), asked, Ephemeris.load())
+    speed = np.array([float(one["orbit"]["speed"].split()[0]) for one in objects])
+    order = np.argsort(entry)
+    share = np.interp(speed, entry[order], np.cumsum(chance[order]) / chance.sum())
+    assert stats.kstest(share, "uniform").pvalue > 0.01  # rotation of the ground and eccentricity of the Earth move it
+    day = np.array([one["drawn"].sun_angle_deg for one in objects]) < 90.0
+    assert stats.binomtest(int(day.sum()), 400, 0.5).pvalue > 0.01  # Opik: in and out alike
+
+
+def test_a_near_miss_stands_for_as_many_as_its_ring_is_larger_than_the_disc(place: Path) -> None:
+    """Passes within r of the Earth: pi r^2 (1 + v_escape(r)^2 / v^2) (Opik 1951)."""
+    for one in drawn(place, 0, 20):
+        numbers = [float(text.split()[0]) for text in (*one["orbit"]["position"], *one["orbit"]["velocity"])]
+        epoch, ephemeris = Epoch.parse(one["orbit"]["epoch"]), Ephemeris.load()
+        earth = (
+            ephemeris.state_km_km_s("earth", epoch, np.zeros(1))[0]
+            - ephemeris.state_km_km_s("sun", epoch, np.zeros(1))[0]
+        )
+        r, v = np.split(np.array(numbers) - earth, 2)
+        far2 = v @ v - 2.0 * GM / np.linalg.norm(r)
+        area = [radius**2 + 2.0 * GM * radius / far2 for radius in (6478.137, 1e5)]
+        assert one["drawn"].weight == pytest.approx(area[1] / area[0] - 1.0, rel=1e-4)
 
 
 def test_an_object_depends_on_the_seed_and_its_number_alone(place: Path) -> None:
