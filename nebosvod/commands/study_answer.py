@@ -20,7 +20,8 @@ def print_check(study: Study, workers: int) -> None:
     require_possible(study, workers)
     click.echo(f"{study.title}: mission {study.mission.name}")
     for axis in study.axes:
-        click.echo(f"  vary {axis.name}: {', '.join(axis.paths)}: {_values(axis, study.points)}")
+        where = f" {', '.join(axis.paths)}:" if axis.paths else ""
+        click.echo(f"  vary {axis.name}:{where} {_values(axis, study.points)}")
     click.echo(f"  {_how(study)}")
     status, message, found = evaluate_row(study, 0)
     for asked, value in zip(study.answers, found):
@@ -45,7 +46,7 @@ def _how(study: Study) -> str:
 
 def _values(axis: Axis, points: Points) -> str:
     if not axis.is_range:
-        shown = [str(value) for value in axis.values]
+        shown = list(axis.texts) or [str(value) for value in axis.values]
         return ", ".join(shown) if len(shown) <= 8 else f"{', '.join(shown[:3])} ... {shown[-1]} ({len(shown)})"
     how = "in the logarithm" if axis.log else "evenly"
     steps = f"{axis.steps} values" if points.sample.method == "grid" else "sampled"

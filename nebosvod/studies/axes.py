@@ -42,7 +42,7 @@ class Axis:
     name: str
     paths: tuple[str, ...]
     unit: str = ""
-    values: tuple[Tree, ...] = ()
+    values: Sequence[Tree] = ()
     numbers: tuple[float, ...] | None = None
     low: float = math.nan
     high: float = math.nan
@@ -75,6 +75,10 @@ class Axis:
                 return value, self.numbers[step]
             return value, self.texts[step] if self.texts else _text(value)
         return self._said(float(self.grid()[step]))
+
+    def shown(self, step: int) -> float | str:
+        """What the table has of a value of a grid."""
+        return self.texts[step] if self.texts else self.at_step(step)[1]
 
     def grid(self) -> npt.NDArray[np.float64]:
         """The numbers of a range in a grid, its ends exact."""

@@ -170,7 +170,7 @@ def indices(values: Array) -> tuple[Array, Array]:
 
 def completeness(study: Study, columns: Columns) -> list[dict[str, Any]]:
     """Of objects of a catalogue: how many are seen at all, by the values of what else is varied."""
-    if study.objects is None or study.objects.drawn:  # of drawn ones `population` tells more
+    if study.objects is None or study.objects.drawn is not None:  # of drawn ones `population` tells more
         return []
     others = [axis.name for axis in study.axes if axis.name != "object"]
     groups: dict[tuple[Any, ...], list[str]] = {}

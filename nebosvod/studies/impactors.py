@@ -4,8 +4,8 @@ Orbits are drawn from a population (`near_earth`) by their probability of encoun
 circular orbit of the Earth, focusing by its gravity). The direction of approach is one of the four of such an orbit,
 the time is even over a span, the place on the target plane even over the disc that the Earth captures: so elevations of
 entry follow sin 2e, and places, directions and speeds belong together. Companions are drawn in the same way from the
-ring around that disc, out to a stated distance: without them nobody knows how many warnings are false. Diameters follow
-a power law. Everything is a function of the seed.
+ring around that disc, out to a stated distance, the nearer ones more often and with a smaller weight: without them
+nobody knows how many warnings are false. Diameters follow a power law. Everything is a function of the seed.
 
 References
 ----------
@@ -15,6 +15,7 @@ Brown et al. 2002, Nature 420, 294: number of impactors above a diameter goes wi
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -101,8 +102,10 @@ def capture_radius_km(v_km_s: Array | float, gm_km3_s2: float = 398600.4415) -> 
     return np.asarray(level * np.sqrt(1.0 + 2.0 * gm_km3_s2 / level / np.asarray(v_km_s) ** 2))
 
 
-def draw_objects(orbits: tuple[Array, Array, Array], drawn: Draw, ephemeris: Ephemeris) -> list[dict[str, Any]]:
-    """Objects as of a catalogue: `name`, `orbit`, `magnitude`, and what is known of each as `Drawn`.
+class DrawnObjects(Sequence[dict[str, Any]]):
+    """Objects as of a catalogue, each drawn when it is asked for: a function of the seed and its number.
+
+    Each has `name`, `orbit`, `magnitude`, and what is known of it as `drawn`, a `Drawn`.
 
     Parameters
     ----------
@@ -115,31 +118,51 @@ def draw_objects(orbits: tuple[Array, Array, Array], drawn: Draw, ephemeris: Eph
     CoverageError
         If the ephemeris does not cover the span.
     """
-    chance, U = encounter_probability(*orbits)
-    if not chance.sum() > 0.0:
-        raise InputError("none of its orbits crosses that of the Earth: no impactor can be drawn from them")
-    part = chance / chance.sum()
-    found = []
-    for number in range(drawn.impacts + drawn.misses):
-        hits = number < drawn.impacts
+
+    def __init__(self, orbits: tuple[Array, Array, Array], drawn: Draw, ephemeris: Ephemeris) -> None:
+        chance, self._U = encounter_probability(*orbits)
+        if not chance.sum() > 0.0:
+            raise InputError("none of its orbits crosses that of the Earth: no impactor can be drawn from them")
+        for days in (0.0, drawn.days):
+            ephemeris.require(drawn.start, days * DAY_S)
+        self._until = np.cumsum(chance) / chance.sum()
+        self._drawn, self._ephemeris = drawn, ephemeris
+
+    def __len__(self) -> int:
+        return self._drawn.impacts + self._drawn.misses
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of all of them, none drawn."""
+        return tuple(self._name(number) for number in range(len(self)))
+
+    def _name(self, number: int) -> str:
+        impacts = self._drawn.impacts
+        return f"impactor {number}" if number < impacts else f"near miss {number - impacts}"
+
+    def __getitem__(self, number: Any) -> Any:
+        if isinstance(number, slice):
+            return [self[k] for k in range(*number.indices(len(self)))]
+        if not 0 <= number < len(self):
+            raise IndexError(number)
+        drawn, hits = self._drawn, number < self._drawn.impacts
         rng = np.random.default_rng(np.random.SeedSequence(drawn.seed, spawn_key=(number,)))
-        which = int(rng.choice(len(part), p=part))
+        which = int(np.searchsorted(self._until, rng.uniform(), side="right"))
         signs = rng.choice([-1.0, 1.0], 2)
-        v = U[which] * EARTH_SPEED_KM_S * np.array([signs[0], 1.0, signs[1]])
+        v = self._U[which] * EARTH_SPEED_KM_S * np.array([signs[0], 1.0, signs[1]])
         epoch = drawn.start + float(rng.uniform(0.0, drawn.days)) * DAY_S
-        orbit, weight = _orbit(ephemeris, epoch, v, rng, drawn, hits)
+        orbit, weight = _orbit(self._ephemeris, epoch, v, rng, drawn, hits)
         low, high = drawn.smallest_m**-SIZE_POWER, drawn.largest_m**-SIZE_POWER
         diameter_m = float((low + (high - low) * rng.uniform()) ** (-1.0 / SIZE_POWER))
-        found.append({
-            "name": f"{'impactor' if hits else 'near miss'} {number if hits else number - drawn.impacts}",
+        return {
+            "name": self._name(number),
             "orbit": orbit,
             "magnitude": {"H": round(5.0 * math.log10(1.329e6 / math.sqrt(ALBEDO) / diameter_m), 3), "G": 0.15},
             "drawn": Drawn(
                 hits=hits, diameter_m=diameter_m, weight=weight,
                 sun_angle_deg=math.degrees(math.acos(float(v[0] / np.linalg.norm(v)))),
             ),
-        })  # fmt: skip
-    return found
+        }  # fmt: skip
 
 
 def _orbit(
@@ -147,7 +170,8 @@ def _orbit(
 ) -> tuple[dict[str, Any], float]:
     """An orbit that approaches with a velocity on the Earth's axes, at a random place of its target plane.
 
-    And its weight: misses are drawn of the orbits that hit, and pass in proportion to the ring, not to the disc.
+    And its weight: of misses as many pass through each part of the ring as it is larger than the disc, and they are
+    drawn even in the logarithm of its area, for those that pass near are those that may be warned of.
     """
     at = np.zeros(1)
     earth = ephemeris.state_km_km_s("earth", epoch, at)[0] - ephemeris.state_km_km_s("sun", epoch, at)[0]
@@ -159,13 +183,13 @@ def _orbit(
     speed = float(np.linalg.norm(far))
     inner = float(capture_radius_km(speed, gm))
     outer = drawn.within_km * math.sqrt(1.0 + 2.0 * gm / drawn.within_km / speed**2)
-    ring = (0.0, inner) if hits else (inner, max(outer, inner))
-    b = max(math.sqrt(rng.uniform(ring[0] ** 2, ring[1] ** 2)), 1e-3)
+    wide = 2.0 * math.log(max(outer / inner, 1.0))
+    b = max(inner * math.sqrt(rng.uniform()), 1e-3) if hits else inner * math.exp(0.5 * wide * rng.uniform())
     side = np.linalg.svd(far[None])[2][1:]
     angle = rng.uniform(0.0, 2.0 * math.pi)
     offset = b * (math.cos(angle) * side[0] + math.sin(angle) * side[1])
     r, w = hyperbola_state(far, offset, gm, EARTH_RADIUS_KM + ENTRY_KM if hits else None)
-    weight = 1.0 if hits else (ring[1] ** 2 - ring[0] ** 2) / inner**2
+    weight = 1.0 if hits else (b / inner) ** 2 * wide
     if not hits:
         state = earth + np.concatenate([r, w])
         return {

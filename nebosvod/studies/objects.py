@@ -5,15 +5,29 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from nebosvod.dynamics import Ephemeris
 from nebosvod.mission import Mission
 from nebosvod.mission.fields import epoch_text
 from nebosvod.mission.yaml.yamlfile import Tree
 from nebosvod.studies.axes import Axis
 from nebosvod.studies.catalogue import read_catalogue
 from nebosvod.studies.file import ImpactorsBlock, ObjectsBlock
-from nebosvod.studies.impactors import Drawn
-from nebosvod.studies.near_earth import PUBLISHED
+from nebosvod.studies.impactors import Draw, Drawn, DrawnObjects
+from nebosvod.studies.near_earth import PUBLISHED, orbits_of, published_orbits
 from nebosvod.timescale import SECONDS_PER_DAY, Epoch
+
+
+class Changes(Sequence[dict[str, Tree]]):
+    """What each object changes in a mission, by path, made when it is asked for."""
+
+    def __init__(self, rows: Sequence[Mapping[str, Any]], mission: Mission, move: bool) -> None:
+        self._rows, self._mission, self._move = rows, mission, move
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    def __getitem__(self, number: Any) -> Any:
+        return _changes(self._rows[number], self._mission, self._move)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -22,11 +36,15 @@ class Objects:
 
     Attributes
     ----------
-    drawn : what is known of each beside its orbit, where they were drawn; else empty.
+    drawn : the objects, where they were drawn; None for those of a catalogue.
     """
 
     axis: Axis
-    drawn: tuple[Drawn, ...]
+    drawn: DrawnObjects | None
+
+    def known(self) -> list[Drawn]:
+        """What is known of each drawn object beside its orbit."""
+        return [] if self.drawn is None else [one["drawn"] for one in self.drawn]
 
 
 def file_of(block: ObjectsBlock, beside: Path | None) -> Path | None:
@@ -46,18 +64,12 @@ def read_objects(block: ObjectsBlock, file: Path | None, mission: Mission) -> Ob
     InputError
         If a catalogue cannot be read, or none can be drawn of it.
     """
-    impactors = block.impactors
-    rows = _drawn(file, impactors) if impactors is not None else read_catalogue(_known(file))[: block.first]
-    move = block.move if block.move is not None else impactors is not None
-    return Objects(
-        axis=Axis(
-            name="object",
-            paths=(),
-            values=tuple(_changes(row, mission, move) for row in rows),
-            texts=tuple(str(row["name"]) for row in rows),
-        ),
-        drawn=tuple(row["drawn"] for row in rows if "drawn" in row),
-    )
+    drawn = None if block.impactors is None else _drawn(file, block.impactors)
+    rows = read_catalogue(_known(file))[: block.first] if drawn is None else drawn
+    move = block.move if block.move is not None else drawn is not None
+    names = tuple(str(row["name"]) for row in rows) if drawn is None else drawn.names
+    axis = Axis(name="object", paths=(), values=Changes(rows, mission, move), texts=names)
+    return Objects(axis=axis, drawn=drawn)
 
 
 def _known(file: Path | None) -> Path:
@@ -65,12 +77,8 @@ def _known(file: Path | None) -> Path:
     return Path(PUBLISHED) if file is None else file
 
 
-def _drawn(file: Path | None, block: ImpactorsBlock) -> Sequence[Mapping[str, Any]]:
+def _drawn(file: Path | None, block: ImpactorsBlock) -> DrawnObjects:
     """Impactors and misses from the orbits of a catalogue, or of the published distribution."""
-    from nebosvod.dynamics import Ephemeris
-    from nebosvod.studies.impactors import Draw, draw_objects
-    from nebosvod.studies.near_earth import orbits_of, published_orbits
-
     drawn = Draw(
         impacts=block.n,
         misses=block.misses,
@@ -82,7 +90,7 @@ def _drawn(file: Path | None, block: ImpactorsBlock) -> Sequence[Mapping[str, An
         seed=block.seed,
     )
     orbits = published_orbits() if file is None else orbits_of(read_catalogue(file))
-    return draw_objects(orbits, drawn, Ephemeris.load())
+    return DrawnObjects(orbits, drawn, Ephemeris.load())
 
 
 def _changes(row: Mapping[str, Any], mission: Mission, move: bool) -> dict[str, Tree]:

@@ -32,10 +32,10 @@ SIZES_M = (0.0, 20.0, 40.0, 80.0, np.inf)
 
 def drawn_columns(study: Study, names: npt.NDArray[np.str_]) -> dict[str, npt.NDArray[Any]]:
     """Columns of what is known of drawn objects, by their names; none where nothing was drawn."""
-    if study.objects is None or not study.objects.drawn:
+    if study.objects is None or study.objects.drawn is None:
         return {}
-    place = {name: k for k, name in enumerate(study.objects.axis.texts)}
-    rows = [study.objects.drawn[place[name]] for name in names.tolist()]
+    known, place = study.objects.known(), {name: k for k, name in enumerate(study.objects.axis.texts)}
+    rows = [known[place[name]] for name in names.tolist()]
     return {
         KIND: np.array([IMPACTOR if one.hits else MISS for one in rows]),
         DIAMETER: np.array([one.diameter_m for one in rows]),
@@ -84,13 +84,14 @@ def clustered(values: Array, seed: int) -> list[float]:
 
 def population(study: Study, columns: Columns) -> dict[str, Any] | None:
     """What study.json holds of drawn impactors and near misses; None where none were drawn."""
-    if KIND not in columns:
+    if KIND not in columns or study.objects is None:
         return None
+    names = study.objects.axis.texts
     hits, draws = columns[KIND] == IMPACTOR, max(1, study.drawn)
     groups = list(_groups(study, columns))
     return {
-        "n_impactors": sum(one.hits for one in study.objects.drawn) if study.objects else 0,
-        "n_misses": sum(not one.hits for one in study.objects.drawn) if study.objects else 0,
+        "n_impactors": sum(name.startswith(IMPACTOR) for name in names),
+        "n_misses": sum(name.startswith(MISS) for name in names),
         "draws": study.drawn,
         "shared": study.outer,
         "seen": [row for where, which in groups for row in _seen(where, which & hits, columns, draws)],

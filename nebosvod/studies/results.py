@@ -44,7 +44,7 @@ class StudyTable:
         if study.drawn:
             columns["draw"] = np.arange(rows) % repeat
         points = study.points
-        values = [[shown for _, shown in points[number]] for number in range(points.count)]
+        values = [points.shown(number) for number in range(points.count)]
         for k, axis in enumerate(study.axes):
             columns[axis.name] = np.repeat(np.array([one[k] for one in values]), repeat)
         if "object" in columns:

@@ -105,6 +105,16 @@ class Points:
         row = self._latin(number) if self.sample.method == "latin" else self._sobol(number)
         return [axis.at_fraction(float(one)) for axis, one in zip(self.axes, row)]
 
+    def shown(self, number: int) -> list[float | str]:
+        """What the table has of a point: in a grid no value is made for it."""
+        if self.sample.method != "grid":
+            return [shown for _, shown in self[number]]
+        found: list[float | str] = []
+        for axis in reversed(self.axes):
+            number, step = divmod(number, axis.count)
+            found.append(axis.shown(step))
+        return found[::-1]
+
     def _latin(self, number: int) -> Array:
         from scipy.stats import qmc
 

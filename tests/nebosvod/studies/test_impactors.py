@@ -13,8 +13,8 @@ from nebosvod.errors import InputError
 from nebosvod.studies.catalogue import read_catalogue
 from nebosvod.studies.impactors import (
     Draw,
+    DrawnObjects,
     capture_radius_km,
-    draw_objects,
     encounter_probability,
     hyperbola_state,
 )
@@ -76,7 +76,7 @@ def drawn(place: Path, impacts: int, misses: int, seed: int = 1) -> list[dict[st
         impacts=impacts, misses=misses, within_km=1e5, start=Epoch.parse("2030-01-01T00:00:00 TDB"), days=1826.25,
         smallest_m=20.0, largest_m=300.0, seed=seed,
     )  # fmt: skip
-    return draw_objects(orbits_of(read_catalogue(place / "neos.csv")), asked, Ephemeris.load())
+    return list(DrawnObjects(orbits_of(read_catalogue(place / "neos.csv")), asked, Ephemeris.load()))
 
 
 def test_probabilities_are_those_of_kesslers_spatial_density() -> None:
@@ -152,7 +152,7 @@ def test_published_orbits_come_down_as_fast_as_fireballs_do() -> None:
         impacts=400, misses=0, within_km=1e5, start=Epoch.parse("2030-01-01T00:00:00 TDB"), days=3652.5,
         smallest_m=20.0, largest_m=300.0, seed=1,
     )  # fmt: skip
-    objects = draw_objects((a, e, i), asked, Ephemeris.load())
+    objects = DrawnObjects((a, e, i), asked, Ephemeris.load())
     speed = np.array([float(one["orbit"]["speed"].split()[0]) for one in objects])
     order = np.argsort(entry)
     share = np.interp(speed, entry[order], np.cumsum(chance[order]) / chance.sum())
@@ -161,19 +161,23 @@ def test_published_orbits_come_down_as_fast_as_fireballs_do() -> None:
     assert stats.binomtest(int(day.sum()), 400, 0.5).pvalue > 0.01  # Opik: in and out alike
 
 
-def test_a_near_miss_stands_for_as_many_as_its_ring_is_larger_than_the_disc(place: Path) -> None:
-    """Passes within r of the Earth: pi r^2 (1 + v_escape(r)^2 / v^2) (Opik 1951)."""
-    for one in drawn(place, 0, 20):
+def test_near_misses_stand_for_as_many_as_their_ring_is_larger_than_the_disc(place: Path) -> None:
+    """Passes within r of the Earth: pi r^2 (1 + v_escape(r)^2 / v^2) (Opik 1951); so does the mean of the weights."""
+    ephemeris, ratios, weights, halves = Ephemeris.load(), [], [], []
+    for one in drawn(place, 0, 400):
         numbers = [float(text.split()[0]) for text in (*one["orbit"]["position"], *one["orbit"]["velocity"])]
-        epoch, ephemeris = Epoch.parse(one["orbit"]["epoch"]), Ephemeris.load()
-        earth = (
-            ephemeris.state_km_km_s("earth", epoch, np.zeros(1))[0]
-            - ephemeris.state_km_km_s("sun", epoch, np.zeros(1))[0]
-        )
+        epoch, at = Epoch.parse(one["orbit"]["epoch"]), np.zeros(1)
+        earth = ephemeris.state_km_km_s("earth", epoch, at)[0] - ephemeris.state_km_km_s("sun", epoch, at)[0]
         r, v = np.split(np.array(numbers) - earth, 2)
         far2 = v @ v - 2.0 * GM / np.linalg.norm(r)
-        area = [radius**2 + 2.0 * GM * radius / far2 for radius in (6478.137, 1e5)]
-        assert one["drawn"].weight == pytest.approx(area[1] / area[0] - 1.0, rel=1e-4)
+        area = [radius**2 + 2.0 * GM * radius / far2 for radius in (6478.137, np.linalg.norm(r), 1e5)]
+        assert one["drawn"].weight == pytest.approx(area[1] / area[0] * np.log(area[2] / area[0]), rel=1e-4)
+        ratios.append(area[2] / area[0] - 1.0)
+        weights.append(one["drawn"].weight)
+        halves.append(one["drawn"].weight * (area[1] < 0.5 * (area[0] + area[2])))
+    off = np.std(np.array(weights) - ratios) / np.sqrt(400)
+    assert np.mean(weights) == pytest.approx(np.mean(ratios), abs=3.0 * off)
+    assert np.mean(halves) == pytest.approx(0.5 * np.mean(ratios), abs=3.0 * np.std(halves) / np.sqrt(400))
 
 
 def test_an_object_depends_on_the_seed_and_its_number_alone(place: Path) -> None:

@@ -32,7 +32,7 @@ schema_version: 1
 study: small
 mission: soda-watch.yaml
 objects:
-  impactors: {n: 6, misses: 6, within: 384400 km, start: 2030-01-01T00:00:00 TDB, span: 10 yr, smallest: 20 m, seed: 2}
+  impactors: {n: 6, misses: 6, within: 100000 km, start: 2030-01-01T00:00:00 TDB, span: 10 yr, smallest: 20 m, seed: 2}
 answer:
   - {name: sigma, of: predictions.plane.semi_axes_km.0, before: [1 d, 4 h]}
   - {name: chance, of: predictions.plane.impact_probability, before: [12 h, 4 h]}
@@ -136,7 +136,7 @@ def test_intervals_of_shares() -> None:
     assert high - low == pytest.approx(2.0 * 1.96 * 0.5 / np.sqrt(30), rel=0.15)
     alone = (rng.random((200, 30)) < 0.5).astype(float)
     low, high = clustered(alone, 0)
-    assert 2.0 * 1.96 * 0.5 / np.sqrt(6000) < high - low < 3.0 * 1.96 * 0.5 / np.sqrt(6000)
+    assert 2.0 * 1.96 * 0.5 / np.sqrt(6000) < high - low < 2.0 * 1.96 * 0.5 * np.sqrt(3.6 / 6000)
 
 
 def test_a_draw_has_one_bias_for_all_objects_and_noise_of_their_own(soda: Any) -> None:
