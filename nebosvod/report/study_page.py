@@ -1,5 +1,6 @@
 """The page of a study: what was looked for, the trade, who is to blame, what moves it, the table to take away."""
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -23,7 +24,7 @@ from nebosvod.report.study_figures import (
     shares_plate,
     titled,
 )
-from nebosvod.report.study_population import KIND, seen_table, sky_plate, time_plates, warned_table
+from nebosvod.report.study_population import KIND, population_words, seen_table, sky_plate, time_plates, warned_table
 
 Item = Mapping[str, Any]
 Columns = Mapping[str, npt.NDArray[Any]]
@@ -61,6 +62,7 @@ def make_study_page(found: Item, columns: Columns) -> str:
         front=front_plate(found, columns),
         required=_required(found),
         together=_together(found),
+        averaging=_averaging(found),
         seen=_seen(found),
         population=_population(found, columns),
         answers=_answer_table(found),
@@ -71,6 +73,8 @@ def make_study_page(found: Item, columns: Columns) -> str:
 def _verdict(found: Item) -> Cell:
     """The answer in one sentence."""
     find = found["find"]
+    if find is None and found.get("population"):
+        return population_words(found["population"])
     if find is None:
         return _required_words(found) or Markup("{}.").format(count(found["n_points"], "point"))
     if not find["found"]:
@@ -122,7 +126,7 @@ def _varied(one: Item) -> Cell:
             one["name"], join(one["set"]), ends, one["unit"], count(one["n_values"], "value")
         )
     if not one["set"]:
-        return Markup("<b>{}</b>: {} of a catalogue").format(one["name"], f"{one['n_values']:,}")
+        return Markup("<b>{}</b>: {}").format(one["name"], f"{one['n_values']:,}")
     return Markup("<b>{}</b> ({}): {}").format(one["name"], join(one["set"]), join(str(v) for v in one["values"] or []))
 
 
@@ -181,15 +185,57 @@ def _required(found: Item) -> Table | None:
         (
             one["name"], quantity(one["now"], _page_unit(one["unit"]), 4),
             quantity(one["needed"], _page_unit(one["unit"]), 4) if one["needed"] is not None else DASH,
-            one["verdict"], _end(one["floor"], unit), _end(one["without"], unit),
+            one["verdict"], _end(one["floor"], unit), _knee(one, "no_better_below"), _end(one["without"], unit),
+            _knee(one, "no_worse_above"),
         )
         for one in wanted["each"]
     ]  # fmt: skip
     caption = Markup("What is needed of each, the others as they are, for {} {} (now {})").format(
         wanted["answer"], wanted["wanted"], _end(wanted["now"], unit)
     )
-    head: tuple[Cell, ...] = ("of", "now", "needed", "", "if it were perfect", "if nothing were known of it")
-    return Table(caption=caption, head=head, align="lrrlrr", rows=tuple(rows))
+    head: tuple[Cell, ...] = (
+        "of", "now", "needed", "", "if it were perfect", "as good as perfect below", "if nothing were known of it",
+        "as good as unknown above",
+    )  # fmt: skip
+    return Table(caption=caption, head=head, align="lrrlrrrr", rows=tuple(rows))
+
+
+def _knee(one: Item, key: str) -> Cell:
+    """Where a thing stops to matter; a dash where it never does."""
+    value = one.get(key)
+    return DASH if value is None else quantity(value, _page_unit(one["unit"]), 3)
+
+
+def _averaging(found: Item) -> tuple[Cell, Table] | None:
+    """How many measurements do what a better telescope does, and what one tells: the matrix D0."""
+    told = (found["require"] or {}).get("averaging")
+    if not told:
+        return None
+    unit = _page_unit(next(one["unit"] for one in found["answers"] if one["name"] == found["require"]["answer"]))
+    said = []
+    if told["n_needed"] is not None:
+        said.append(
+            Markup("{} measurements of the same kind bring it as well (now {}).").format(
+                f"{math.ceil(told['n_needed'] - 1e-9):,}", f"{told['n']:,}"
+            )
+        )
+    if told["n_where_equal"] is not None:
+        said.append(
+            Markup("Averaging helps up to about {} measurements; beyond, what they have in common leaves {}.").format(
+                f"{max(1, round(told['n_where_equal'])):,}", _end(told["floor"], unit)
+            )
+        )
+    said.append(
+        Markup("Noise alone would leave {} of position, by σ² D0⁻¹ / N with σ {} and N = {} components.").format(
+            _end(told["sigma_position_km"], "km"), quantity(told["sigma_arcsec"], "arcsec", 3), told["components"]
+        )
+    )
+    rows = tuple((name, *(f"{value:.3g}" for value in line)) for name, line in zip(told["D0_names"], told["D0"]))
+    table = Table(
+        caption="D0, what one component of a measurement tells of the state on average (rad, km, km/s)",
+        head=("", *told["D0_names"]), align="l" + "r" * len(told["D0_names"]), rows=rows,
+    )  # fmt: skip
+    return Markup(" ").join(said), table
 
 
 def _end(value: float | None, unit: str) -> Cell:

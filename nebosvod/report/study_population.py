@@ -66,6 +66,26 @@ def warned_table(found: Item) -> Table | None:
     )
 
 
+def population_words(own: Item) -> Cell:
+    """The answer in one sentence: how many are seen, how many warned of at the last time."""
+    last, said = {tuple(one["where"].items()): one for one in own["warned"]}, []
+    for one in own["seen"]:
+        if one["group"] != "all":
+            continue
+        row = Markup("{}of {:,} impactors {} are seen").format(_where_words(one), one["n"], percent(one["share"]))
+        warned = last.get(tuple(one["where"].items()))
+        if warned is not None and warned["impactors"]["share"] is not None:
+            share = percent(warned["impactors"]["share"])
+            row += Markup(" and {} warned of {}").format(share, before_words(warned["before_d"]))
+        said.append(row)
+    return Markup("; ").join(said) + Markup(".")
+
+
+def _where_words(one: Item) -> str:
+    said = ", ".join(f"{name} {shown}" for name, shown in zip(one["where"], _where(one)))
+    return f"{said}: " if said else ""
+
+
 def before_words(before_d: float | None) -> str:
     """How long before the fall."""
     if before_d is None:
@@ -122,9 +142,7 @@ def _time_plate(answer: str, where: Item, rows: list[Item]) -> Plate:
         ],
         270.0,
     )
-    said = ", ".join(
-        f"{name} {value:g}" if isinstance(value, float) else f"{name} {value}" for name, value in where.items()
-    )
+    said = _where_words({"where": where}).removesuffix(": ")
     caption = Markup("<b>{}</b> of the impactors that have it by then ({} of {} at the last time){}.").format(
         answer, rows[-1]["n_with"], rows[-1]["n"], f"; {said}" if said else ""
     )

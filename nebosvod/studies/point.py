@@ -18,7 +18,7 @@ from nebosvod.engine.quantity import M_PER_KM, Quantity, known_partials
 from nebosvod.engine.trial import generator
 from nebosvod.engine.truth import draw
 from nebosvod.errors import GeometryError, NoAnswerError
-from nebosvod.estimation import Estimate
+from nebosvod.estimation import Estimate, LinearProblem
 from nebosvod.findings.foretold import Missing, believable, predicted
 from nebosvod.findings.nonlinearity import Nonlinearity
 from nebosvod.findings.prediction import Answered, answered, unanswered
@@ -53,7 +53,7 @@ class Point:
     ----------
     mean_errors : what is off on average from what the estimator assumes.
     times_s : of the measurements, TDB s after the reference epoch.
-    trajectory : of the estimate.
+    trajectory : of the estimate; problem : linear, from which it comes.
     again : the same with what is measured until a time, TDB s after the reference epoch.
     """
 
@@ -62,6 +62,7 @@ class Point:
     mean_errors: MeanErrors
     times_s: Array
     trajectory: Trajectory
+    problem: LinearProblem
     again: Callable[[float], "Point"]
     _earlier: dict[float, "Point | None"] = field(default_factory=dict)
     _quantities: dict[str, Quantity] = field(default_factory=dict)
@@ -199,7 +200,7 @@ def _evaluated(scene: PlannedScene, wanted: frozenset[str], seed: Seed | None, s
     else:
         truth = draw(scene, priors, generator(*seed.own), nominal.point, seed.outer)
         found = fit(scene, estimator, nominal, truth.psi, truth.priors, history=False)
-        estimate, trajectory, off = found.estimate, found.trajectory, found.mean_errors
+        estimate, trajectory, off, problem = found.estimate, found.trajectory, found.mean_errors, found.problem
     if estimate.solution is None:
         raise GeometryError(estimate.message, rank=estimate.rank, weak_direction=estimate.weak_direction)
     requests = [one for one in mission.predictions if one.name in wanted]
@@ -210,6 +211,7 @@ def _evaluated(scene: PlannedScene, wanted: frozenset[str], seed: Seed | None, s
         mean_errors=off,
         times_s=nominal.observation.t_s,
         trajectory=trajectory,
+        problem=problem,
         again=lambda last_s: _evaluated(seen_until(scene, last_s, shared), wanted, seed, shared),
         _quantities={one.request.name: one for one in told.found},
         _missing={one.request.name: one for one in told.missing},

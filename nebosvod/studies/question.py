@@ -335,17 +335,24 @@ class _Reading:
         """A thing with the value that the mission says for it."""
         place: KeyPath = ("require", "each", name)
         try:
-            said = editable.said(paths[0])
-            if said is None:
-                raise InputError(f"{paths[0]}: the mission says nothing there; give it a value first")
-            axis = read_axis(name, paths, [said], None, None)
-            if axis.numbers is None or axis.numbers[0] <= 0.0:
-                raise InputError(f'{paths[0]}: is no number above 0 (the mission says "{shown(str(said), 40)}")')
-            editable.edited({**self._first, **dict.fromkeys(paths, said)})
+            said = [self._said_at(path, editable) for path in paths]
+            editable.edited({**self._first, **{path: text for path, (_, _, text) in zip(paths, said)}})
         except InputError as error:
             self._say(place, str(error))
             return None
-        return Needed(name=name, paths=paths, unit=axis.unit, now=axis.numbers[0])
+        own = tuple((number, unit) for number, unit, _ in said)
+        now, unit = own[0]
+        return Needed(name=name, paths=paths, unit=unit, now=now, said=own if len(set(own)) > 1 else ())
+
+    def _said_at(self, path: str, editable: Editable) -> tuple[float, str, Tree]:
+        """Number, unit and text that the mission says at a path."""
+        said = editable.said(path)
+        if said is None:
+            raise InputError(f"{path}: the mission says nothing there; give it a value first")
+        axis = read_axis("said", (path,), [said], None, None)
+        if axis.numbers is None or axis.numbers[0] <= 0.0:
+            raise InputError(f'{path}: is no number above 0 (the mission says "{shown(str(said), 40)}")')
+        return axis.numbers[0], axis.unit, said
 
     def _answers(self, mission: Mission) -> Iterator[Asked]:
         taken: set[str] = {*self.block.vary, *RESERVED}

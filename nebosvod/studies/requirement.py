@@ -6,7 +6,7 @@ would be if it were a million times worse: where the two ends agree with what is
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,6 +23,8 @@ DURATIONS = ("s", "ms", "min", "h", "d", "yr")
 HALVINGS = 40
 SAME = 1e-9  # relative, between ends that do not differ
 MOST_STEPS = 60
+KNEE = 0.02  # relative, of where a thing stops to matter
+NEAR = 1.05  # of an end, within which more, or less, of a thing makes no difference
 SLACK = 1e-5  # relative, of the answer at the joint optimum
 
 
@@ -32,17 +34,23 @@ class Needed:
 
     Attributes
     ----------
-    name : of it; paths : of the mission; unit : of its values; now : what the mission says.
+    name : of it; paths : of the mission; unit : of its values; now : what the mission says at the first path.
+    said : number and unit of what the mission says at each path, where these differ (position and velocity of a prior):
+        all become better and worse together.
     """
 
     name: str
     paths: tuple[str, ...]
     unit: str
     now: float
+    said: tuple[tuple[float, str], ...] = ()
 
-    def text(self, value: float) -> Any:
-        """As a mission says it."""
-        return f"{value!r} {self.unit}" if self.unit else value
+    def changes(self, value: float) -> dict[str, Any]:
+        """What a mission says with this value, by path."""
+        if not self.said:
+            return dict.fromkeys(self.paths, _text(value, self.unit))
+        factor = value / self.now
+        return {path: _text(factor * number, unit) for path, (number, unit) in zip(self.paths, self.said)}
 
     @property
     def reach(self) -> float:
@@ -88,7 +96,9 @@ def required(wanted: Requirement, number: Number) -> dict[str, Any]:
     def answer(values: Mapping[str, float]) -> float:
         key = tuple(values[one.name] for one in wanted.each)
         if key not in tried:
-            changes = {path: one.text(values[one.name]) for one in wanted.each for path in one.paths}
+            changes: dict[str, Any] = {}
+            for one in wanted.each:
+                changes |= one.changes(values[one.name])
             try:
                 tried[key] = number(changes)
             except NebosvodError:
@@ -126,6 +136,12 @@ def _alone(
     else:
         needed = one.now * largest_factor(at, wanted.limit, 1.0 / one.reach, one.reach)
         said = "must be better" if needed < one.now else "may be worse"
+    reach = one.reach
+    better, worse = None, None
+    if math.isfinite(floor) and without > NEAR**2 * floor:
+        better = one.now * largest_factor(at, NEAR * floor, 1.0 / reach, reach, KNEE)
+        if math.isfinite(without):
+            worse = one.now * largest_factor(at, without / NEAR, 1.0 / reach, reach, KNEE)
     same = abs(without - floor) <= SAME * abs(floor) if math.isfinite(without) else False
     return {
         "name": one.name,
@@ -135,13 +151,15 @@ def _alone(
         "needed": needed,
         "floor": _finite(floor),
         "without": _finite(without),
+        "no_better_below": better,
+        "no_worse_above": worse,
         "matters": not same,
         "verdict": said,
     }
 
 
-def largest_factor(at: Callable[[float], float], limit: float, low: float, high: float) -> float:
-    """The largest factor with which a growing number is within a limit, by halving its logarithm; 1e-6 of it."""
+def largest_factor(at: Callable[[float], float], limit: float, low: float, high: float, near: float = 1e-6) -> float:
+    """The largest factor with which a growing number is within a limit, by halving its logarithm; to a part of it."""
     a, b = math.log(low), math.log(high)
     for _ in range(HALVINGS):
         middle = 0.5 * (a + b)
@@ -149,7 +167,7 @@ def largest_factor(at: Callable[[float], float], limit: float, low: float, high:
             a = middle
         else:
             b = middle
-        if b - a < 1e-6:
+        if b - a < near:
             break
     return math.exp(a)
 
@@ -202,6 +220,11 @@ def _together(
     }
 
 
+def _text(value: float, unit: str) -> Any:
+    """As a mission says it."""
+    return f"{value!r} {unit}" if unit else value
+
+
 def _finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
@@ -212,12 +235,38 @@ def words(found: Mapping[str, Any], unit: str) -> Sequence[str]:
     for one in found["each"]:
         needed = "" if one["needed"] is None else f": {one['needed']:.4g} {one['unit']}".rstrip()
         now = f"{one['now']:.4g} {one['unit']}".rstrip()
-        lines.append(f"  {one['name']} (now {now}): {one['verdict']}{needed}")
+        lines.append(f"  {one['name']} (now {now}): {one['verdict']}{needed}{_knees(one)}")
+    told = found.get("averaging")
+    if told:
+        lines += list(_averaging_words(told, unit))
     if found["together"]:
         units = {one["name"]: one["unit"] for one in found["each"]}
         values = [f"{name} {value:.4g} {units[name]}".rstrip() for name, value in found["together"]["values"].items()]
         lines.append(f"  together at least cost: {', '.join(values)}")
     return lines
+
+
+def _knees(one: Mapping[str, Any]) -> str:
+    """Between which values a thing matters."""
+    unit, said = one["unit"], []
+    if one["no_better_below"] is not None:
+        said.append(f"better than {one['no_better_below']:.3g} {unit} helps no more".replace("  ", " "))
+    if one["no_worse_above"] is not None:
+        said.append(f"worse than {one['no_worse_above']:.3g} {unit} it might as well be unknown".replace("  ", " "))
+    return f" ({', '.join(said)})" if said else ""
+
+
+def _averaging_words(told: Mapping[str, Any], unit: str) -> Iterator[str]:
+    """What averaging brings."""
+    if told["n_needed"] is not None:
+        yield f"  or {_count(told['n_needed'])} measurements as they are (now {told['n']})"
+    if told["n_where_equal"] is not None:
+        equal, floor = _count(told["n_where_equal"]), f"{told['floor']:.4g} {unit}".rstrip()
+        yield f"  averaging helps up to about {equal} measurements: beyond, what they share leaves {floor}"
+
+
+def _count(value: float) -> str:
+    return f"{max(1, math.ceil(value - 1e-9)):,}"
 
 
 def _shown(value: float | None) -> str:

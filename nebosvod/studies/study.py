@@ -16,6 +16,7 @@ from nebosvod.errors import GeometryError, InputError, NebosvodError, OutputErro
 from nebosvod.mission.yaml.yamlfile import Tree
 from nebosvod.results.ownership import sha256_of
 from nebosvod.results.result import json_text
+from nebosvod.studies.averaging import averaging
 from nebosvod.studies.chunked import ChunkedFolder, Kind
 from nebosvod.studies.point import Point, Seed, evaluate
 from nebosvod.studies.question import Study, load_study_text
@@ -195,7 +196,8 @@ def requirement_of(study: Study) -> dict[str, Any] | None:
         value = asked.take(evaluate(study.editable.edited(changes), study.wanted, None, study.shared))
         return float(value) if isinstance(value, float | int) else float("inf")
 
-    return required(wanted, number)
+    found = required(wanted, number)
+    return found | {"averaging": averaging(wanted, found, number, evaluate(study.mission, study.wanted))}
 
 
 def record_of(study: Study) -> dict[str, Any]:

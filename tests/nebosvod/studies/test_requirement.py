@@ -6,15 +6,20 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import jsonschema
 import numpy as np
 import pytest
 
+import nebosvod
 from nebosvod.borders.expression import read_expression
 from nebosvod.cli import main
 from nebosvod.errors import GeometryError, InputError
+from nebosvod.studies.point import evaluate
 from nebosvod.studies.question import load_study_text
 from nebosvod.studies.requirement import Needed, Requirement, required
+from nebosvod.studies.study import requirement_of
 
+SCHEMA = json.loads((Path(nebosvod.__file__).parent / "studies" / "study.schema.json").read_text("utf-8"))
 A = {"noise": 3.0, "bias": 5.0, "position": 0.7}
 EACH = tuple(Needed(name=name, paths=(f"x.{name}",), unit="km", now=1.0 + k) for k, name in enumerate(A))
 REST = 2.0
@@ -79,6 +84,61 @@ def test_a_value_with_which_there_is_no_answer_is_as_bad_as_can_be() -> None:
     assert row["needed"] == pytest.approx(2.0, rel=2e-6)
 
 
+def test_noise_alone_leaves_sigma2_over_n_times_the_inverse_of_d0(place: Path) -> None:
+    """Guo, Ivashkin 2018, figure 1: position by sigma^2 / N D0^-1 with numpy is what the mission answers."""
+    text = TEXT.replace("predictions.ten days later.semi_axes_km.0", "state.sigma_position_km")
+    study = load_study_text(text, path=place / "s.yaml")
+    found = requirement_of(study)
+    assert found is not None
+    told = found["averaging"]
+    sigma = np.radians(0.1 / 3600.0)
+    scaled = np.array(told["D0"])
+    unit = np.sqrt(np.diag(scaled))
+    K = np.linalg.solve(scaled / unit[:, None] / unit, np.eye(6)) / unit[:, None] / unit * sigma**2 / told["components"]
+    assert told["components"] == 124
+    assert np.sqrt(np.trace(K[:3, :3])) == pytest.approx(found["now"], rel=1e-6)
+
+
+def test_a_prior_of_position_and_velocity_is_scaled_as_one_and_knees_are_where_it_stops_to_help(
+    minimal_text: str, tmp_path: Path
+) -> None:
+    """All six things of a mission; at the knees the answer is 5 % from what it is at the ends."""
+    clock = "    timing: {sigma: 1 s, treatment: estimated}\n"
+    text = minimal_text.replace("    position: {sigma: 3 km", f"{clock}    position: {{sigma: 3 km")
+    text += "prior: {sigma: {position: 100 km, velocity: 100 mm/s}}\n"
+    (tmp_path / "m.yaml").write_text(text, "utf-8")
+    each = (
+        "{noise: telescopes.*.noise.sigma, bias: telescopes.*.bias.sigma, clock: telescopes.*.timing.sigma, "
+        "position: telescopes.*.position.sigma, radius: object.radius.sigma, "
+        "prior: [prior.sigma.position, prior.sigma.velocity]}"
+    )
+    study = load_study_text(
+        TEXT.replace("bare.yaml", "m.yaml").replace("5 km", "12 km").split("require:")[0]
+        + f"require: {{of: later, at_most: 12 km, each: {each}}}\n",
+        path=tmp_path / "s.yaml",
+    )
+    assert study.requirement is not None
+    prior = study.requirement.each[-1]
+    assert prior.changes(50.0) == {"prior.sigma.position": "50.0 km", "prior.sigma.velocity": "50.0 mm/s"}
+
+    def number(changes: Mapping[str, Any]) -> float:
+        found = evaluate(study.editable.edited(changes), study.wanted, None, study.shared).prediction("ten days later")
+        assert found is not None
+        return float(found.semi_axes[0])
+
+    found = required(study.requirement, number)
+    rows = {row["name"]: row for row in found["each"]}
+    assert set(rows) == {"noise", "bias", "clock", "position", "radius", "prior"}
+    for one in study.requirement.each:
+        row = rows[one.name]
+        if row["no_better_below"] is not None:
+            assert number(one.changes(row["no_better_below"])) == pytest.approx(1.05 * row["floor"], rel=0.02)
+        if row["no_worse_above"] is not None:
+            assert number(one.changes(row["no_worse_above"])) == pytest.approx(row["without"] / 1.05, rel=0.02)
+    assert rows["prior"]["no_worse_above"] > rows["prior"]["no_better_below"] > 0.0
+    assert found["together"]["answer"] == pytest.approx(12.0, rel=1e-3)
+
+
 TEXT = """\
 schema_version: 1
 study: how good
@@ -108,7 +168,13 @@ def test_of_noise_alone_the_needed_noise_is_in_proportion(place: Path, capsys: p
     assert noise["needed"] == pytest.approx(0.1 * 5.0 / found["require"]["now"], rel=2e-6)
     assert noise["floor"] == pytest.approx(1e-6 * found["require"]["now"], rel=1e-6)
     assert 1.0 / 32.0 < cadence["needed"] < 1.0
-    assert "How good it must be" in (place / "o" / "study.html").read_text("utf-8")
+    page = (place / "o" / "study.html").read_text("utf-8")
+    assert "How good it must be" in page
+    assert "measurements of the same kind bring it as well (now 62)" in page
+    jsonschema.Draft202012Validator(SCHEMA).validate(found)
+    told = found["require"]["averaging"]
+    assert told["n_needed"] == pytest.approx(62.0 * (found["require"]["now"] / 5.0) ** 2, rel=1e-5)
+    assert told["n_where_equal"] is None or told["n_where_equal"] > 1e6  # of noise alone averaging always helps
 
 
 @pytest.mark.parametrize(
