@@ -14,6 +14,7 @@ from nebosvod.report.kit.chart import Chart
 from nebosvod.report.kit.download import csv
 from nebosvod.report.kit.plate import BLUE, GREEN, GREY, SKY, VERMILION, Plate, thin
 from nebosvod.report.kit.scale import linear, logarithmic
+from nebosvod.report.kit.stamp import stamp_of
 from nebosvod.report.kit.wording import moment, number
 from nebosvod.report.kit.worldmap import Corridor, maps
 from nebosvod.report.run.tables import Cell, Table
@@ -42,6 +43,7 @@ def make_alert_page(folder: Path) -> str:
     return render(
         "alert.html",
         kind="First hour",
+        stamp=stamp_of(Path(folder)),
         title=summary["title"],
         summary=summary,
         arc=_arc(summary["arc_h"]),

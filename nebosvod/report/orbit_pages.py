@@ -15,6 +15,7 @@ from nebosvod.report.kit.download import csv
 from nebosvod.report.kit.outline import covariance_of
 from nebosvod.report.kit.plate import BLUE, GREY, INK, VERMILION, Plate, thin
 from nebosvod.report.kit.scale import calendar, linear, logarithmic
+from nebosvod.report.kit.stamp import stamp_of
 from nebosvod.report.kit.target import TargetView, target_plates
 from nebosvod.report.kit.wording import count, moment, quantity
 from nebosvod.report.kit.worldmap import Corridor, maps
@@ -39,6 +40,7 @@ def make_ephemeris_page(folder: Path) -> str:
     return render(
         "orbit.html",
         kind="Ephemeris",
+        stamp=stamp_of(Path(folder)),
         title=summary["title"],
         summary=summary,
         lead=summary["observer"],
@@ -57,6 +59,7 @@ def make_approaches_page(folder: Path) -> str:
     return render(
         "orbit.html",
         kind="Approaches",
+        stamp=stamp_of(Path(folder)),
         title=summary["title"],
         summary=summary,
         lead=f"{summary['from_utc'][:10]} to {summary['to_utc'][:10]}, within {summary['within_au']:g} au",

@@ -11,6 +11,7 @@ from markupsafe import Markup
 from nebosvod.report.kit.base import render
 from nebosvod.report.kit.download import Download, csv
 from nebosvod.report.kit.plate import Plate
+from nebosvod.report.kit.stamp import stamp
 from nebosvod.report.kit.wording import DASH, count, join, percent, quantity
 from nebosvod.report.run.tables import Cell, Table
 from nebosvod.report.study_figures import (
@@ -48,6 +49,7 @@ def make_study_page(found: Item, columns: Columns) -> str:
     return render(
         "study.html",
         kind="Study",
+        stamp=stamp(found),
         title=found["title"],
         found=found,
         tone="bad" if bad else "caution" if lost else "good",

@@ -14,6 +14,7 @@ from nebosvod.report.kit.chart import Chart
 from nebosvod.report.kit.download import csv
 from nebosvod.report.kit.plate import BLUE, GREY, INK, SERIES, VERMILION, Plate
 from nebosvod.report.kit.scale import linear, named
+from nebosvod.report.kit.stamp import stamp
 from nebosvod.report.kit.wording import NBSP, PARAMETERS, join, number, percent, quantity, series
 from nebosvod.report.run.tables import Cell, Table
 from nebosvod.results.recognise import is_validation
@@ -36,6 +37,7 @@ def make_validation_report(found: Item) -> str:
     return render(
         "validation.html",
         kind="Validation report",
+        stamp=stamp(found),
         title=found["title"],
         found=found,
         tone="good" if found["passed"] else "bad",

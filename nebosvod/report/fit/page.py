@@ -8,6 +8,7 @@ from nebosvod.report.fit import figures as fit_figures
 from nebosvod.report.fit import tables as fit_tables
 from nebosvod.report.kit.base import render
 from nebosvod.report.kit.facts import grouped
+from nebosvod.report.kit.stamp import stamp
 from nebosvod.report.kit.wording import count, join, moment, number, quantity
 from nebosvod.report.run.diagnosis import bias_table, residual_table, sentences
 from nebosvod.report.run.ellipses import ellipse_plate
@@ -33,9 +34,11 @@ def make_fit_report(folder: Path) -> str:
     found = [] if orbit is None or orbit["elements"] is None else [fit_figures.correlation_plate(orbit["elements"])]
     station = fit_figures.station_plate(list(fit["stations"]))
     reference = summary["reference_orbit"]
+    planes, maps = ([], []) if orbit is None else encounter_plates(run, run.estimators[0])
     return render(
         "fit.html",
         kind="Orbit fit",
+        stamp=stamp(run.manifest),
         title=summary["title"],
         run=run,
         fit=fit,
@@ -49,7 +52,8 @@ def make_fit_report(folder: Path) -> str:
             "residuals": fit_figures.residual_plates(run),
             "stations": [] if station is None else [station],
             "correlation": found,
-            "encounters": [] if orbit is None else encounter_plates(run, run.estimators[0]),
+            "planes": planes,
+            "maps": maps,
             "predictions": [(p, doubt(row)) for row in run.predictions() if (p := ellipse_plate(row)) is not None],
         },
         tables={

@@ -1,7 +1,10 @@
 """When a page's answer was made, by which version, from which input: the line below its title."""
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
+
+from nebosvod.borders.stored import read_object
 
 SHOWN = 12  # digits of a hash
 
@@ -24,3 +27,8 @@ def stamp(made: Mapping[str, Any]) -> tuple[str, ...]:
     else:
         said += [f"input sha256 {text[:SHOWN]}" for text in (made.get("inputs_sha256") or {}).values()][:1]
     return tuple(said)
+
+
+def stamp_of(folder: Path) -> tuple[str, ...]:
+    """The same of a folder."""
+    return stamp(read_object(folder / "manifest.json"))

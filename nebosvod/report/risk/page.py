@@ -8,6 +8,7 @@ from markupsafe import Markup
 from nebosvod.borders.stored import read_arrays, read_object
 from nebosvod.report.kit.base import render
 from nebosvod.report.kit.plate import Plate
+from nebosvod.report.kit.stamp import stamp_of
 from nebosvod.report.kit.wording import count, moment, number, quantity
 from nebosvod.report.risk import figures, tables
 from nebosvod.report.risk.draws import Arrays
@@ -50,6 +51,7 @@ def make_risk_page(folder: Path) -> str:
     return render(
         "risk.html",
         kind="Impact risk",
+        stamp=stamp_of(Path(folder)),
         title=summary["title"],
         summary=summary,
         headline=headline(summary),

@@ -23,11 +23,11 @@ LONGEST_KM = 6000.0  # a linear ellipse on the ground longer than this (3 sigma)
 FATE = {1.0: "hit", 0.0: "miss"}
 
 
-def encounter_plates(run: RunFolder, estimator: Item) -> list[Plate]:
-    """A target plane for each encounter of an estimator that has one, then the maps of where it comes down."""
+def encounter_plates(run: RunFolder, estimator: Item) -> tuple[list[Plate], list[Plate]]:
+    """A target plane for each encounter of an estimator that has one, and the maps of where it comes down."""
     rows = leading(run, estimator)
-    planes = [plate for p in rows if p["plane"] in ("b_plane", "mtp") for plate in plane_plates(run, p)]
-    return planes + [plate for p in rows if p["plane"] == "entry" for plate in entry_plates(run, p)]
+    planes = [plate for p in rows for plate in plane_plates(run, p)]
+    return planes, [plate for p in rows if p["plane"] == "entry" for plate in entry_plates(run, p)]
 
 
 def plane_plates(run: RunFolder, p: Item) -> list[Plate]:

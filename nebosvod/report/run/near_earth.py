@@ -35,7 +35,7 @@ def near_earth(run: RunFolder) -> Sight | None:
     turned = _turned(place - earth, earth)
     far = max(float(np.linalg.norm(turned[index == i], axis=1).max()) for i in near)
     half = 1.18 * max(far, 1.25 * EARTH_RADIUS_KM)
-    factor, unit = (1e-6, "10⁶ km") if half > 1e6 else (1e-3, "10³ km") if half > 5e4 else (1.0, "km")
+    factor, unit = (1e-6, "10⁶ km") if half > 1e6 else (1e-3, "10³ km") if half > 1.2e4 else (1.0, "km")
     first = np.flatnonzero(index == near[0])
     ends = np.array([first[0], first[-1]])
     looking = _turned(state[ends, :3] - place[ends], earth[ends])

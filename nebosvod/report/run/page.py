@@ -85,11 +85,14 @@ def _verdict(run: RunFolder, main: Item | None) -> Verdict:
     return verdict(run, told, helps, sound=not trust.doubtful(run, main), brief_advice=advice.brief_sentence(run, main))
 
 
-def _pictures(run: RunFolder, main: Item | None, columns: visibility.Columns | None) -> list[Plate]:
-    """What a reader sees before reading: where everything was, what is aimed at, how it came."""
-    aimed = encounters.encounter_plates(run, main) if main else []
-    made = [geometry.geometry_plate(run), *aimed, timeline.timeline_plate(run, columns)]
-    return [plate for plate in made if plate is not None]
+def _pictures(run: RunFolder, main: Item | None, columns: visibility.Columns | None) -> list[list[Plate]]:
+    """What a reader sees before reading: where everything was, what is aimed at, how it came; each with its kind."""
+    planes, maps = encounters.encounter_plates(run, main) if main else ([], [])
+    groups: list[list[Plate | None]] = [
+        [geometry.geometry_plate(run)], [*planes], [*maps], [timeline.timeline_plate(run, columns)],
+    ]  # fmt: skip
+    kept = [[plate for plate in group if plate is not None] for group in groups]
+    return [group for group in kept if group]
 
 
 def _plates(run: RunFolder, main: Item | None, books: list[ledger.Ledger]) -> dict[str, list[Plate]]:

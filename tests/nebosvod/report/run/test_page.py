@@ -193,7 +193,7 @@ def test_a_run_that_did_not_determine_the_orbit_says_so_and_shows_no_accuracy(ru
     assert "No accuracy can be stated" in text
     assert "vx (1.0) and mass (−0.30)" in re.sub(r"<[^>]+>", "", text)
     assert 'id="ellipse' not in text
-    assert "kept" in text
+    assert "Kept." in text
     assert "batch: why" not in text
 
 
