@@ -13,6 +13,9 @@ DENSITY_KG_M3 = 2600.0
 JOULE_PER_MT = 4.184e15
 BACKGROUND_PER_YEAR = 0.03  # impacts of an energy of 1 Mt and more
 TORINO_YEARS = 100.0
+REGIONAL_MT, GLOBAL_MT = 100.0, 1e5
+CLOSE, CERTAIN = 0.01, 0.99  # probabilities
+SLANTS = (-8.0, -2.0, 4.0)  # 2 log E + 3 log P, at 1 % with 0.1, 100 and 1e5 Mt
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -77,27 +80,26 @@ def torino(probability: float, energy: float, years: float) -> int | None:
 
     Notes
     -----
-    The scale is a diagram without equations. Probabilities of 1 % and 99 % and energies of 1, 100 and 1e5 Mt divide it;
-    of the slanting lines that between 4 and 5 joins (1 %, 1e5 Mt) and (100 %, 100 Mt), those of 1|2 and 6|7 are
-    parallel; below P E^0.8 = 2e-3 it is 0. These agree with what was published of 2004 MN4 (4, 2, later 1 and 0), 2011
-    AG5, 2007 VK184, 2013 TV135, 2023 DW (all 1), 2024 YR4 (3) and 2010 RF12 (0).
+    The scale is a diagram of log P and log E without equations in its papers. Its edges as others have read them: P of 1 %
+    and 99 %, E of 1, 100 and 1e5 Mt, and three parallel lines (log E - k)/3 + (log P + 2)/2 = 0 that pass P = 1 % at
+    0.1, 100 and 1e5 Mt and part 0|1, 1|2 and, below and above 1 %, 2|6 and 4|5.
 
     References
     ----------
-    Binzel 2000, Planetary and Space Science 48, 297; Morrison et al. 2004, in Mitigation of Hazardous
-    Comets and Asteroids, 353.
+    Binzel 2000, Planetary and Space Science 48, 297; Morrison, Chapman, Steel, Binzel 2004, in Mitigation of Hazardous
+    Comets and Asteroids, 353: the diagram. Wikipedia, "Torino scale", and PerezHz/NEOs.jl (`torinoscale`): the lines.
     """
     if years > TORINO_YEARS:
         return None
-    slant = energy * probability**1.5
-    if energy < 1.0 or probability * energy**0.8 < 2e-3:
+    if energy < 1.0 or probability <= 0.0:
         return 0
-    if probability >= 0.99:
-        return 8 if energy < 100.0 else 9 if energy < 1e5 else 10
-    if probability < 0.01:
-        return 1 if slant < 0.1 else 2
-    if energy < 100.0:
+    slant = 2.0 * np.log10(energy) + 3.0 * np.log10(probability)
+    if probability >= CERTAIN:
+        return 8 if energy < REGIONAL_MT else 9 if energy < GLOBAL_MT else 10
+    if probability < CLOSE:
+        return int(np.searchsorted(SLANTS, slant, side="right")) if slant < SLANTS[2] else 6
+    if energy < REGIONAL_MT:
         return 3
-    if energy < 1e5:
-        return 4 if slant < 100.0 else 5
-    return 6 if slant < 1e5 else 7
+    if energy < GLOBAL_MT:
+        return 4 if slant < SLANTS[2] else 5
+    return 7
