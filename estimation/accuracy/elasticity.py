@@ -6,15 +6,19 @@ With the covariance K = sum_s theta_s^2 K_s of a normal draw d, the elasticity a
 
 By factors: K_s = G_s G_s', K = S S', u = S^-1 d, B_s = S^-1 G_s: what is averaged is |B_s' u|^2 - |B_s|^2, and no
 covariance is ever inverted. Directions without error are dropped.
+
+That is with the estimate and its weights held. Where the weights are solved anew the estimate moves by m per d ln
+theta_s and the covariance by dK, and e_s = E[ d' K^-1 m + (d' K^-1 dK K^-1 d - tr(K^-1 dK)) / 2 | hit ].
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from nebosvod.errors import InputError
+from nebosvod.estimation.accuracy.reweighed import Response
 from nebosvod.estimation.problem.square_root import EPS, row_units
 
 Array = npt.NDArray[np.float64]
@@ -31,7 +35,10 @@ class Elasticity:
     Attributes
     ----------
     source : name.
-    value, error : e_s = d ln P / d ln theta_s and its standard error: 1 % less of this source changes P by -e_s %.
+    value, error : e_s = d ln P / d ln theta_s and its standard error: 1 % less of this source changes P by -e_s %. The
+        estimate and its weights are held.
+    reoptimised, reoptimised_error : the same where the weights are solved anew and the estimate moves; None where that
+        is not known.
     log_odds, log_odds_error : d ln(P / (1 - P)) / d ln theta_s, where P > 0.5; else None.
     share : part of the variance along the line, 0 to 1; None where there is no line.
     halved, halved_error : P if this source were halved, with its standard error; the estimate stays.
@@ -45,6 +52,8 @@ class Elasticity:
     share: float | None
     halved: float
     halved_error: float
+    reoptimised: float | None = None
+    reoptimised_error: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -80,6 +89,8 @@ def probability_budget(
     sources: Mapping[str, npt.ArrayLike],
     weights: npt.ArrayLike | None = None,
     total: float | None = None,
+    responses: Mapping[str, Response] | None = None,
+    factor: npt.ArrayLike | None = None,
 ) -> ProbabilityBudget:
     """Tell for each source of the covariance how a probability depends on its size.
 
@@ -92,6 +103,8 @@ def probability_budget(
     weights : shape (k,), density wanted over density drawn from; equal by default.
     total : of the weights of all draws, where it is known better than by their sum: k for the weights of normalised
         densities. P is the weight of the hits over it.
+    responses, factor : how the estimate answers to a source by name, in units of the factor (n, n) of its covariance;
+        of those that are named the elasticity is also told re-optimised.
 
     Raises
     ------
@@ -124,6 +137,9 @@ def probability_budget(
     likely = total is None and p > HALF and not mine.all()
     line = _line(u[mine], w[mine], effective)
     rows = [_row(name, B, u, w, mine, whole, p if likely else None, line) for name, B in basis.parts.items()]
+    if responses and factor is not None:
+        turn = basis.inverse @ np.asarray(factor, dtype=np.float64)
+        rows = [_reoptimised(row, responses.get(row.source), turn, u[mine], w[mine]) for row in rows]
     return ProbabilityBudget(
         probability=p,
         effective_hits=effective,
@@ -215,6 +231,16 @@ def _row(
         halved=halved,
         halved_error=halved_error,
     )
+
+
+def _reoptimised(row: Elasticity, response: Response | None, turn: Array, u: Array, w: Array) -> Elasticity:
+    """A row with the elasticity at weights solved anew; `turn` (r, n) is from units of the factor to those of u."""
+    if response is None:
+        return row
+    D = turn @ response.growth @ turn.T
+    g = u @ (turn @ response.shift) + 0.5 * (np.einsum("ki,ij,kj->k", u, D, u) - np.trace(D))
+    value, error = _mean_and_error(g, w)
+    return replace(row, reoptimised=value, reoptimised_error=error)
 
 
 def _line(u: Array, w: Array, effective: float) -> Array | None:

@@ -126,8 +126,7 @@ def _impactor(row: Row) -> list[str]:
     if ground is not None and ground["latitude_deg"] is not None:
         said.append(f"  ground: {_place(ground)}")
     budget = row["budget"]
-    if budget is not None:
-        said += _budget(budget)
+    said += [f"  what it hangs on: {row['no_budget']}"] if budget is None else _budget(budget)
     return said
 
 
@@ -143,13 +142,21 @@ def _place(level: Row) -> str:
 
 
 def _budget(budget: Row) -> list[str]:
-    """What the probability hangs on: the strongest sources."""
-    said = ["  what it hangs on: source, d ln P / d ln sigma, P if it were halved"]
+    """What the probability hangs on: the strongest sources, with the estimate held and, where known, re-optimised."""
+    anew = any(row["elasticity_reoptimised"] is not None for row in budget["rows"])
+    said = ["  what it hangs on: source, d ln P / d ln sigma with the estimate held"]
+    said[0] += ", re-optimised (weights solved anew, the estimate moves)" if anew else ""
+    said[0] += ", P if it were halved and the estimate held"
     if not budget["enough"]:
         said[0] += f" (a hint, from {budget['effective_hits']:.0f} effective hits)"
     for row in budget["rows"][:5]:
+        held = _with_error(row["elasticity"], row["elasticity_error"])
+        other = _with_error(row["elasticity_reoptimised"], row["elasticity_reoptimised_error"]) if anew else ""
         said.append(
-            f"    {row['source']:<32} {row['elasticity']:+.2f} +- {row['elasticity_error']:.2f}   "
-            f"{row['probability_if_halved']:.3g}"
+            f"    {row['source']:<32} {held}   {other}{'   ' if anew else ''}{row['probability_if_halved']:.3g}"
         )
     return said
+
+
+def _with_error(value: float | None, error: float | None) -> str:
+    return f"{'-':^14}" if value is None or error is None else f"{value:+.2f} +- {error:.2f}"

@@ -6,6 +6,16 @@ from nebosvod.impacts.risk import VirtualImpactor
 from nebosvod.orbits.uncertain import UncertainOrbit
 
 
+def why_none(orbit: UncertainOrbit) -> str:
+    """Why there is no budget."""
+    if not orbit.sources:
+        return (
+            f"the sources of the covariance are not known: {orbit.origin or orbit.name} tells one matrix and not what "
+            "it was made of; a fit of its observations (nebosvod fit) knows them"
+        )
+    return "fewer than two drawn orbits hit"
+
+
 def budget_of(orbit: UncertainOrbit, one: VirtualImpactor) -> ProbabilityBudget | None:
     """The budget; None where the sources of the covariance are not known, or hardly an orbit hits.
 
@@ -19,7 +29,8 @@ def budget_of(orbit: UncertainOrbit, one: VirtualImpactor) -> ProbabilityBudget 
     weighed = bool((cloud.weights != 1.0).any())
     try:
         return probability_budget(
-            cloud.deviations, one.passage.hits, orbit.sources, cloud.weights, float(len(cloud)) if weighed else None
-        )
+            cloud.deviations, one.passage.hits, orbit.sources, cloud.weights, float(len(cloud)) if weighed else None,
+            orbit.responses, orbit.factor,
+        )  # fmt: skip
     except InputError:  # fewer than two hits
         return None

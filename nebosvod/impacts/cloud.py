@@ -4,7 +4,8 @@ A cloud knows nothing of how it was drawn: plain draws weigh one each, draws of 
 the mean of `weights` where something happens is its probability in both cases.
 """
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
@@ -76,6 +77,7 @@ class Cloud:
     ground, entry : at the surface of what it hits, and 100 km above the surface of what it first comes down to; one
         with an entry that hits nothing grazes.
     passages : encounters of members with the bodies that were watched, by time.
+    lost : why a member could not be flown to the end, by its number; it counts as one that hits nothing.
     """
 
     epoch: Epoch
@@ -86,6 +88,7 @@ class Cloud:
     ground: Crossing
     entry: Crossing
     passages: tuple[Passage, ...]
+    lost: Mapping[int, str] = field(default_factory=dict)
 
     def __len__(self) -> int:
         """How many orbits."""

@@ -63,7 +63,7 @@ class Course:
             epoch=epoch, names=orbit.names, deviations=deviations,
             weights=np.ones(count) if weights is None else weights, body=body,
             ground=_crossing(flight.impact, count, forces, epoch), entry=_crossing(flight.entry, count, forces, epoch),
-            passages=self._passages(flight, count, forces),
+            passages=self._passages(flight, count, forces), lost=flight.lost,
         )  # fmt: skip
 
     def _passages(self, flight: Flight, count: int, forces: ForceModel) -> tuple[Passage, ...]:

@@ -15,6 +15,7 @@ from nebosvod.dynamics import Ephemeris, Trajectory
 from nebosvod.dynamics.impact import follow
 from nebosvod.errors import EventError, InputError
 from nebosvod.impacts.approaches import Approach, approaches_on, sigmas_to_hit
+from nebosvod.impacts.bend import Bend, bend_of
 from nebosvod.impacts.cloud import Cloud, Passage, draw
 from nebosvod.impacts.coordinates import Coordinates
 from nebosvod.impacts.flight import GAP_S, Course
@@ -34,6 +35,7 @@ FARTHEST = 7.0  # sigmas of a hitting orbit
 SAME = 1.0  # sigmas between two hitting orbits that are one
 MOST_STARTS = 12
 EFFECTIVE = 2500  # hits that importance sampling aims at
+CHECKED = 400  # and where plain draws have as many hits themselves, so that it only stands beside them
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -49,6 +51,7 @@ class VirtualImpactor:
     cloud, passage : the drawn orbits that tell most of it, and the encounter among theirs.
     sigmas_line : how many sigmas along the line of variations the hits are; None without a line.
     stretching_km : how far one sigma along the line moves the point in the target plane.
+    bend : how far from linear the target plane is about the estimate; None where the line has no encounter there.
     """
 
     body: str
@@ -63,6 +66,7 @@ class VirtualImpactor:
     passage: Passage
     sigmas_line: float | None
     stretching_km: float | None
+    bend: Bend | None
 
     @property
     def way(self) -> Way:
@@ -116,6 +120,8 @@ def risk(
         If the end is before the epoch, or the number of draws cannot be used.
     CoverageError
         If it is outside the ephemeris, with what to install.
+    EventError
+        If no drawn orbit can be flown: it is about another body, or below a surface.
     """
     if until <= orbit.epoch:
         raise InputError(f"--until: {until.iso('utc', 0)} is not after the epoch of the orbit, {orbit.epoch.iso()}")
@@ -133,6 +139,8 @@ def risk(
         line = line_of_variations(course, nominal, min(about, nominal.span_s[1]))
     say(f"flying {draws} drawn orbits")
     cloud = course.fly(draw(orbit, draws, streams[0]))
+    if len(cloud.lost) == len(cloud):
+        raise EventError(f"{orbit.origin or orbit.name}: no drawn orbit can be flown: {no_line or cloud.lost[0]}")
     found = []
     for encounter in _encounters(near, line, cloud):
         say(f"looking at {encounter.body} on {encounter.epoch.iso('utc', 0)[:10]}")
@@ -203,7 +211,9 @@ def _impactor(
         (one for one in near if one.body == body and abs(one.epoch - epoch) < GAP_S),
         key=lambda one: abs(one.epoch - epoch), default=None,
     )  # fmt: skip
-    weighed = sample(course, body, epoch, orbits, rng, EFFECTIVE, draws) if orbits else None
+    seen = 0 if drawn is None else int(np.count_nonzero(drawn.hits))
+    wanted = CHECKED if seen >= EFFECTIVE else EFFECTIVE
+    weighed = sample(course, body, epoch, orbits, rng, wanted, draws) if orbits else None
     there = None if weighed is None else passage_of(weighed, body, epoch)
     ways = [by_linear(approach)]
     if line is not None:
@@ -219,9 +229,14 @@ def _impactor(
     cloud, passage = max(pairs, key=lambda pair: effective(pair[0].weights[pair[1].hits]))
     when, spread = _moment(cloud, passage)
     nu, stretching = _along(line, cloud, passage, orbits)
+    string = None if line is None else passage_of(line.cloud, body, epoch)
+    bend = None
+    if line is not None and string is not None and nu is not None:
+        bend = bend_of(line.sigmas, string.xi_zeta_km, string.capture_radius_km, nu)
     return VirtualImpactor(
         body=body, epoch=when, sigma_time_s=spread, approach=approach, orbits=tuple(orbits), ways=tuple(ways),
         recommended=best, reason=reason, cloud=cloud, passage=passage, sigmas_line=nu, stretching_km=stretching,
+        bend=bend,
     )  # fmt: skip
 
 

@@ -80,9 +80,9 @@ def torino(probability: float, energy: float, years: float) -> int | None:
 
     Notes
     -----
-    The scale is a diagram of log P and log E without equations in its papers. Its edges as others have read them: P of 1 %
-    and 99 %, E of 1, 100 and 1e5 Mt, and three parallel lines (log E - k)/3 + (log P + 2)/2 = 0 that pass P = 1 % at
-    0.1, 100 and 1e5 Mt and part 0|1, 1|2 and, below and above 1 %, 2|6 and 4|5.
+    The scale is a diagram of log P and log E without equations in its papers. Its edges as others have read them: P of
+    1 % and 99 %, E of 1, 100 and 1e5 Mt, and three parallel lines (log E - k)/3 + (log P + 2)/2 = 0 that pass P = 1 %
+    at 0.1, 100 and 1e5 Mt and part 0|1, 1|2 and, below and above 1 %, 2|6 and 4|5.
 
     References
     ----------

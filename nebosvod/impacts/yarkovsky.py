@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from nebosvod.dynamics import Nongrav
+from nebosvod.estimation.accuracy.reweighed import Response
 from nebosvod.orbits.uncertain import UncertainOrbit
 from nebosvod.timescale import SECONDS_PER_DAY, Epoch
 
@@ -35,8 +36,13 @@ def with_yarkovsky(orbit: UncertainOrbit, until: Epoch, diameter_km: float | Non
     if orbit.sources:
         sources = {key: np.vstack([G, np.zeros((1, G.shape[1]))]) for key, G in orbit.sources.items()}
         sources[SOURCE] = np.concatenate([np.zeros(size), [sigma]])[:, None]
+    wider = {
+        key: Response(shift=np.append(one.shift, 0.0), growth=np.pad(one.growth, (0, 1)))
+        for key, one in orbit.responses.items()
+    }
     said = f"A2 is not estimated: drawn with a sigma of {sigma:.2g} au/d^2, by a diameter of {diameter_km:.3g} km"
     return replace(
         orbit, factor=factor, parameter_names=(*orbit.parameter_names, name), sources=sources, shared={},
+        responses=wider,
         nongrav=Nongrav() if orbit.nongrav is None else orbit.nongrav, notices=(*orbit.notices, said),
     )  # fmt: skip

@@ -11,6 +11,7 @@ from nebosvod.borders.stored import held_together, read_arrays, read_object, req
 from nebosvod.dynamics import Nongrav, RadiationPressure
 from nebosvod.dynamics.model import SETTINGS
 from nebosvod.errors import InputError
+from nebosvod.estimation.accuracy.reweighed import Response
 from nebosvod.mission.slugs import array_name
 from nebosvod.orbits.conversion import balanced_factor
 from nebosvod.orbits.uncertain import STATE_NAMES, UncertainOrbit
@@ -70,6 +71,7 @@ def _orbit(
         settings=_settings(physics),
         sources={str(name): unit[:, None] * np.asarray(G, dtype=np.float64) for name, G in parts},
         shared=_shared(arrays, label, len(names)),
+        responses=_responses(arrays, label),
         magnitude=_magnitude(summary),
         last_observation=_last_observation(summary),
         origin=f"{path} ({kind})",
@@ -91,6 +93,15 @@ def _shared(arrays: Mapping[str, npt.NDArray[Any]], label: str, size: int) -> di
     if rows.shape != (len(names), size + len(names)):
         raise InputError(f"orbit_shared_factor_{label}: needs shape ({len(names)}, {size + len(names)})")
     return dict(zip(names, rows, strict=True))
+
+
+def _responses(arrays: Mapping[str, npt.NDArray[Any]], label: str) -> dict[str, Response]:
+    """How the estimate answers to each source; nothing in folders that do not say."""
+    if f"orbit_response_names_{label}" not in arrays:
+        return {}
+    names, shift, growth = (arrays[f"orbit_response_{key}_{label}"] for key in ("names", "shift", "growth"))
+    rows = zip(names, shift, growth, strict=True)
+    return {str(name): Response(shift=np.asarray(m), growth=np.asarray(D)) for name, m, D in rows}
 
 
 def _row(path: Path, rows: list[Mapping[str, Any]], estimator: str | None) -> Mapping[str, Any]:

@@ -11,6 +11,7 @@ from nebosvod.dynamics import Ephemeris, ForceModel, Nongrav, RadiationPressure
 from nebosvod.dynamics import nongrav as nongrav_module
 from nebosvod.dynamics import radiation as radiation_module
 from nebosvod.errors import InputError
+from nebosvod.estimation.accuracy.reweighed import Response
 from nebosvod.timescale import Epoch
 
 Array = npt.NDArray[np.float64]
@@ -36,6 +37,8 @@ class UncertainOrbit:
     sources : covariance by source of error where known: name -> factor (6 + m, k); they sum to the covariance.
     shared : errors of telescopes that the measurements behind this orbit have in common and coming ones will have, by
         name: rows (6 + m + k,) of the joint lower factor, over the unit draws of `factor` and then of all k of these.
+    responses : how the estimate behind this orbit answers to the size of a source by name, its weights solved anew, in
+        units of `factor`; of a fit alone.
     magnitude : H and G, or None.
     last_observation : when it was last seen, where that is known.
     origin : what it was read from, in words.
@@ -57,6 +60,7 @@ class UncertainOrbit:
     settings: Mapping[str, Any] = field(default_factory=dict)
     sources: Mapping[str, Array] = field(default_factory=dict)
     shared: Mapping[str, Array] = field(default_factory=dict)
+    responses: Mapping[str, Response] = field(default_factory=dict)
     magnitude: tuple[float, float] | None = None
     last_observation: Epoch | None = None
     origin: str = ""

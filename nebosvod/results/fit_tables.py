@@ -11,7 +11,7 @@ from nebosvod.findings.blame import StateShare
 from nebosvod.fits.answer import Answer, residuals_by_station
 from nebosvod.fits.orbit import ELEMENTS, OrbitAt
 from nebosvod.results.fit_summary import station
-from nebosvod.results.orbit_arrays import orbit_arrays
+from nebosvod.results.orbit_arrays import orbit_arrays, response_arrays
 from nebosvod.results.result import Table
 from nebosvod.results.run_summary import estimator_row
 from nebosvod.scene.prior import STATE_NAMES
@@ -141,6 +141,7 @@ def all_arrays(found: Answer) -> Arrays:
     if estimate.solution is not None:
         arrays |= {"factor_fit": estimate.S_true, "names_fit": np.array(estimate.names)}
         arrays |= orbit_arrays(general.scene.mission, estimate, "fit")
+        arrays |= response_arrays(general.scene.mission, general.fit, "fit")
     return arrays
 
 

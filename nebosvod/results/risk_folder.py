@@ -8,7 +8,8 @@ import numpy.typing as npt
 
 from nebosvod.dynamics import Ephemeris
 from nebosvod.estimation.accuracy.elasticity import ProbabilityBudget
-from nebosvod.impacts.budget import budget_of
+from nebosvod.impacts.bend import Bend
+from nebosvod.impacts.budget import budget_of, why_none
 from nebosvod.impacts.cloud import Cloud, Passage
 from nebosvod.impacts.corridor import Corridor, Level, corridor_of
 from nebosvod.impacts.interval import of_count
@@ -24,6 +25,7 @@ from nebosvod.timescale import SECONDS_PER_DAY
 
 KIND = "risk"
 DESCRIPTION = "Virtual impactors: body, time, probability of the recommended way with its 95 % interval, scales"
+WIDE = 0.1  # of the distance from the Sun: a position known no better than this
 YEAR_S = 365.25 * SECONDS_PER_DAY
 Row = dict[str, Any]
 Arrays = dict[str, npt.NDArray[Any]]
@@ -74,11 +76,17 @@ def impactor_row(found: Risk, one: VirtualImpactor, number: int, size: Size | No
         "torino": step,
         "sigmas": one.sigmas_line,
         "stretching_km": one.stretching_km,
+        "bend": None if one.bend is None else _bend_row(one.bend),
         "v_infinity_km_s": _finite(one.passage.v_infinity_km_s),
         "corridor": _corridor_row(corridor),
         "budget": None if budget is None else _budget_row(budget),
+        "no_budget": why_none(found.orbit) if budget is None else None,
         "approach": None if one.approach is None else row_of(one.approach),
     }
+
+
+def _bend_row(one: Bend) -> Row:
+    return {"aside_km": one.aside_km, "along_sigmas": one.along_sigmas, "matters": one.matters}
 
 
 def _finite(value: float) -> float | None:
@@ -121,6 +129,8 @@ def _budget_row(one: ProbabilityBudget) -> Row:
                 "source": row.source,
                 "elasticity": row.value,
                 "elasticity_error": row.error,
+                "elasticity_reoptimised": row.reoptimised,
+                "elasticity_reoptimised_error": row.reoptimised_error,
                 "log_odds": row.log_odds,
                 "log_odds_error": row.log_odds_error,
                 "share": row.share,
@@ -167,19 +177,35 @@ def summarise(found: Risk, bodies: list[str], seed: int, size: Size | None) -> R
         "palermo_cumulative": cumulative([row["palermo"] for row in rows if row["palermo"] is not None]),
         "history": None,
         "ended": None,
-        "warnings": _warnings(orbit, found),
+        "warnings": _warnings(orbit, found, bodies),
     }
 
 
-def _warnings(orbit: UncertainOrbit, found: Risk) -> list[str]:
+def _warnings(orbit: UncertainOrbit, found: Risk, bodies: list[str]) -> list[str]:
     """What limits the answer."""
-    said = [*orbit.notices]
+    said, cloud = [*orbit.notices], found.cloud
     if found.no_line:
         said.append(f"no line of variations: {found.no_line}")
-    lost = int(np.count_nonzero(~np.isin(found.cloud.body, ["", "earth", "moon"])))
-    if lost:
-        other = ", ".join(sorted(set(found.cloud.body.tolist()) - {"", "earth", "moon"}))
-        said.append(f"{lost} of {len(found.cloud)} drawn orbits end on another body ({other})")
+    if cloud.lost:
+        first = next(iter(cloud.lost.values()))
+        said.append(
+            f"{len(cloud.lost)} of {len(cloud)} drawn orbits could not be flown to the end and count as no hit (the "
+            f"first: {first})"
+        )
+    if orbit.sigma_position_km > WIDE * float(np.linalg.norm(orbit.state[:3])):
+        said.append(
+            f"the position is known to {orbit.sigma_position_km:.3g} km, no small part of the orbit: its region is not "
+            "the ellipsoid that the covariance draws, and no probability from it is to be believed; begin with the "
+            "observations (nebosvod fit, nebosvod alert) or with an epoch amid them"
+        )
+    other = sorted(set(cloud.body.tolist()) - {"", *bodies})
+    if other:
+        count = int(np.count_nonzero(np.isin(cloud.body, other)))
+        said.append(f"{count} of {len(cloud)} drawn orbits end on another body ({', '.join(other)})")
+    said += [
+        f"{one.body} on {one.epoch.iso('utc', 0)[:10]}: {one.bend.said}"
+        for one in found.impactors if one.bend is not None and one.bend.matters
+    ]  # fmt: skip
     return said
 
 

@@ -112,6 +112,8 @@ def _answers(summary: Item, first: list[Item]) -> list[tuple[str, list[Cell]]]:
     blame = blame_words(row)
     if blame is not None:
         said.append(("What is to blame", [Markup("{}.").format(_upper(blame)), halved_words(row)]))
+    elif row.get("no_budget"):
+        said.append(("What is to blame", [_sentence(row["no_budget"])]))
     others = [one for one in summary["virtual_impactors"] if one is not row]
     if others:
         parts = [Markup("{}: {}").format(impactor_name(one), chance(one)) for one in leading(others)[:3]]

@@ -85,24 +85,35 @@ def budget_table(row: Item) -> Table | None:
     if not rows:
         return None
     odds = rows[0]["log_odds"] is not None
+    anew = any(one.get("elasticity_reoptimised") is not None for one in rows)
     cells: list[tuple[Cell, ...]] = [
         (
             one["source"],
             _with_error(one["elasticity"], one["elasticity_error"]),
+            *([_reoptimised(one)] if anew else []),
             *([_with_error(one["log_odds"], one["log_odds_error"])] if odds else []),
             DASH if one["share"] is None else percent(one["share"]),
             _share_with_error(one["probability_if_halved"], one["probability_if_halved_error"]),
         )
         for one in rows
     ]
-    head = ("source", "d ln P / d ln σ", *(["d ln P/(1−P) / d ln σ"] if odds else []), "share along the line",
-            "P if it were halved")  # fmt: skip
+    head = (
+        "source", "d ln P / d ln σ, estimate held", *(["re-optimised"] if anew else []),
+        *(["d ln P/(1−P) / d ln σ"] if odds else []), "share along the line", "P if it were halved, estimate held",
+    )  # fmt: skip
     few = "" if budget["enough"] else " Too few hits for elasticities to be more than a hint."
     nu = "" if budget["sigmas"] is None else f" The hits lie {number(budget['sigmas'])} sigmas along the line."
+    moves = "; re-optimised the weights are solved anew, of the same records, and the estimate moves" if anew else ""
     caption = Markup(
-        "What the probability of {} hangs on, by {} effective hits, with standard errors; the estimate stays.{}{}"
-    ).format(percent(budget["probability"]), number(budget["effective_hits"], 4), nu, few)  # fmt: skip
+        "What the probability of {} hangs on, by {} effective hits, with standard errors. The estimate and its weights "
+        "are held{}.{}{}"
+    ).format(percent(budget["probability"]), number(budget["effective_hits"], 4), moves, nu, few)
     return Table(caption=caption, head=head, align="l" + "r" * (len(head) - 1), rows=tuple(cells))
+
+
+def _reoptimised(one: Item) -> str:
+    known = one.get("elasticity_reoptimised") is not None
+    return _with_error(one["elasticity_reoptimised"], one["elasticity_reoptimised_error"]) if known else DASH
 
 
 def _with_error(value: float, error: float) -> str:
