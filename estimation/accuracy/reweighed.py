@@ -43,7 +43,8 @@ def scaled(problem: LinearProblem, source: str, factor: float) -> LinearProblem:
         If there is no such source.
     """
     f = factor * factor
-    known = (*problem.noise_names, *(one.name for one in (*problem.priors, *problem.white, *problem.markov)))
+    terms = [one.name for kind in (problem.priors, problem.white, problem.markov) for one in kind]
+    known = (*problem.noise_names, *terms)
     if source not in known:
         raise InputError(f"scaled: no source {source!r}; there are {', '.join(known)}")
     change: dict[str, object] = {}

@@ -114,7 +114,7 @@ def test_the_three_checkpoints_of_the_exercise_by_20_000_draws(
 
 
 def two_stations(folder: Path, sigma: float) -> dict[str, Any]:
-    """The exercise with 22 records given to station 244 (the geocentre, as 500), moved by 0.1" in RA, with its own sigma.
+    """The exercise with 22 records given to station 244 (the geocentre, as 500), moved by 0.1" in RA, with own sigmas.
 
     Fit, and the risk with one draw: the linear answer and that of importance sampling.
     """
