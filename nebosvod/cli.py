@@ -42,6 +42,7 @@ VERBS = {
     "fit": "Fit an orbit to real observations.",
     "init": "Write a commented mission to start from.",
     "missions": "List the built-in missions.",
+    "open": "Edit a mission in a local page, with its answer as one types.",
     "plan": "Find what to measure next for a prediction.",
     "report": "Make the report of a run again.",
     "risk": "How probable it is that an orbit hits.",

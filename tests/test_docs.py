@@ -40,6 +40,7 @@ COMMANDS = (
     "check",
     "init",
     "missions",
+    "open",
     "report",
     "risk",
     "schema",

@@ -112,6 +112,7 @@ ROOMS = (
     "nebosvod/report",
     "nebosvod/pipeline",
     "nebosvod/studies",
+    "nebosvod/workbench",
     "nebosvod/commands",
     "nebosvod/notebook",
     "nebosvod/cli",

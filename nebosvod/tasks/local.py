@@ -68,8 +68,8 @@ class _Pool:
     def answers(self, waiting: deque[int]) -> Iterator[tuple[int, Answer]]:
         """Each task with its answer, as they come; where a worker dies it ends, and what was given out waits again."""
         strangers = {child.pid for child in multiprocessing.active_children()}
-        with _launching():
-            pool = ProcessPoolExecutor(self._workers, multiprocessing.get_context("spawn"), _begin)
+        with launching():
+            pool = ProcessPoolExecutor(self._workers, multiprocessing.get_context("spawn"), begin)
         children: list[BaseProcess] = []
         try:
             while waiting or self._given:
@@ -91,7 +91,7 @@ class _Pool:
         """Keep each worker busy and one task waiting for it."""
         while waiting and not self._broke and len(self._given) < 2 * self._workers:
             try:
-                with _launching():
+                with launching():
                     self._given[pool.submit(perform, self._job, waiting[0])] = waiting[0]
                 waiting.popleft()
             except BrokenProcessPool:
@@ -109,7 +109,7 @@ class _Pool:
         pool.shutdown(wait=True, cancel_futures=True)
 
 
-def _begin() -> None:
+def begin() -> None:
     """Prepare a worker: Ctrl-C is for its parent, nobody reads what it says, and without a parent it ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
@@ -130,7 +130,7 @@ _launch = threading.Lock()
 
 
 @contextmanager
-def _launching() -> Iterator[None]:
+def launching() -> Iterator[None]:
     """What a process started here inherits: environment, module path, no main module, and a blocked Ctrl-C.
 
     multiprocessing hands the path and the main module of the parent over; a script without a guard would run again in

@@ -49,6 +49,18 @@ def load_any(path: str | Path) -> Mission | FitMission:
     InputError
         With one line for each thing that is wrong, `file:line:col: field: what; hint`, in the order of the file.
     """
+    file = mission_file(path)
+    return _load(parse_yaml(read_text(file), shown(str(path))), file)
+
+
+def mission_file(path: str | Path) -> Path:
+    """The file that a path, or the name of a built-in mission, means.
+
+    Raises
+    ------
+    InputError
+        If it is a directory, or no name that is known.
+    """
     if not isinstance(path, str | Path):
         kind = type(path).__name__
         raise InputError(f"a mission is loaded by a path or a built-in name, text or pathlib.Path (got {kind})")
@@ -59,7 +71,7 @@ def load_any(path: str | Path) -> Mission | FitMission:
         file = builtin_path(path)
     elif isinstance(path, str) and not _exists(file) and not file.suffix and os.sep not in path:
         raise InputError(rules.unknown(path, builtin_names(), "mission, and no file of that name"))
-    return _load(parse_yaml(read_text(file), shown(str(path))), file)
+    return file
 
 
 def load_fit(path: str | Path) -> FitMission:
