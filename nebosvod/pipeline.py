@@ -13,7 +13,7 @@ import numpy.typing as npt
 from nebosvod.dynamics import Ephemeris
 from nebosvod.engine.assembly import computed_psi, linear_problem, nominal_view
 from nebosvod.engine.fitting import Fit, fit
-from nebosvod.engine.montecarlo import Sample, consistency, repeat_all
+from nebosvod.engine.montecarlo import Sample, repeat_all, state_nees
 from nebosvod.engine.truth import draw, undrawn
 from nebosvod.errors import InputError, NebosvodError, noting
 from nebosvod.estimation import Status
@@ -86,7 +86,7 @@ def run(
     say("taking the accuracy apart")
     base = linear_problem(scene, mission.estimators[0], seen, computed_psi(seen), priors, about=seen.point)
     findings = assess(scene, fits, foretold, samples, seed, (base, seen))
-    trials = {name: consistency(sample) for name, sample in samples.items()}
+    trials = {name: state_nees(sample) for name, sample in samples.items()}
     return Result(
         summary=run_summary.summarise(scene, priors, fits, findings, trials, drawn=not nominal),
         manifest=manifest(scene, seed, started, fits) | ({"drawn": False} if nominal else {}),

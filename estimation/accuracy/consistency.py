@@ -1,5 +1,6 @@
 """Statistics that judge covariances and residuals: NEES, NIS, coverage, and patterns left in the residuals.
 
+They are for any errors and any covariance; a run's own are in `nebosvod.engine.montecarlo.state_nees`.
 An estimator is believed when the errors of repeated runs look as its covariance says, in every direction: a 12 %
 optimism in one direction of six moves the mean NEES only to 1.04.
 """

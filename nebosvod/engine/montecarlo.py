@@ -183,7 +183,7 @@ def _iterated(setting: Setting, runs: int, seed: int, tell: Callable[[int], None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Consistency:
+class StateNees:
     """How the errors of repeated estimation agree with K_true.
 
     Attributes
@@ -204,7 +204,7 @@ class Consistency:
     coverage: Mapping[float, float]
 
 
-def consistency(sample: Sample) -> Consistency:
+def state_nees(sample: Sample) -> StateNees:
     """Mean NEES with its 99 % interval, and coverage of the state.
 
     Notes
@@ -221,7 +221,7 @@ def consistency(sample: Sample) -> Consistency:
     runs = len(nees)
     low, high = (float(chdtri(size * runs, tail)) / (size * runs) for tail in (0.995, 0.005))
     inside = gammainc(size / 2.0, nees / 2.0)
-    return Consistency(
+    return StateNees(
         runs=runs,
         lost=sample.lost,
         iterated=sample.factors is not None,

@@ -27,7 +27,6 @@ LEVEL = 0.01  # chance of any false alarm in a run or a fit
 MOMENTS = 20  # at which a bias may appear, equally many measurements apart
 MOMENTS_RECORDED = 8  # the same of recorded observations
 LEAST = 8  # measurements of a telescope that is asked
-MOST_TELESCOPES = 12  # that are asked, those with most measurements
 NIGHT_S = 0.5 * SECONDS_PER_DAY  # a longer pause parts two nights
 SIZES = np.array([0.0, *np.geomspace(0.3, 20.0, 24)])  # of a bias, in its own sigmas
 NOTHING = "no bias"
@@ -133,13 +132,12 @@ def bias_tests(scene: Scene, fit: Fit, *, recorded: bool = False) -> BiasTests:
     recorded : whether the errors are real ones, whose sigmas somebody stated.
     """
     index, names = scene.exposures.telescope_index, [one.name for one in scene.exposures.telescopes]
-    asked = sorted(range(len(names)), key=lambda i: (-int(np.count_nonzero(index == i)), i))
-    asked = [i for i in asked if np.count_nonzero(index == i) >= LEAST][:MOST_TELESCOPES]
+    asked = [i for i in range(len(names)) if np.count_nonzero(index == i) >= LEAST]
     if fit.estimate.solution is None or not asked:
         return BiasTests(level=LEVEL, tests=())
     try:
         problem = settled(fit)
-        return BiasTests(level=LEVEL, tests=tuple(_one_after_the_other(scene, fit, problem, sorted(asked), recorded)))
+        return BiasTests(level=LEVEL, tests=tuple(_one_after_the_other(scene, fit, problem, asked, recorded)))
     except GeometryError:  # without what a prior or a treatment held, nothing can be told
         return BiasTests(level=LEVEL, tests=())
 

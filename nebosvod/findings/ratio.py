@@ -155,7 +155,9 @@ def _sources(scene: Scene, problem: LinearProblem, view: View, groups: tuple[Nui
 
 
 def _group(scene: Scene, name: str) -> NuisanceGroup | None:
-    return cast(NuisanceGroup, scene.sources[name].group) if name in scene.sources else None
+    """The group of a source; what an error really is counts not beside what it is assumed to be."""
+    source = scene.sources.get(name)
+    return None if source is None or source.shadows is not None else cast(NuisanceGroup, source.group)
 
 
 def _rms(values: Array) -> float:

@@ -5,7 +5,7 @@ as assumed. A mean that differs from the assumed one shifts the estimate (Guo, I
 """
 
 from collections.abc import Mapping
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
@@ -20,6 +20,7 @@ from nebosvod.mission.fields import (
     Length,
     Offset,
     PositiveAngle,
+    PositiveDuration,
     Several,
     Size,
     Speed,
@@ -27,6 +28,8 @@ from nebosvod.mission.fields import (
 )
 from nebosvod.units import ACCELERATION, ANGLE, ANGLE_RATE, DENSITY, LENGTH, MASS, RADIUS, SPEED
 
+BiasCorrelation = Literal["constant", "drift", "per_arc", "gauss_markov", "per_zone"]
+PositionCorrelation = Literal["white", "constant", "gauss_markov", "orbit_error"]
 ThreeOffsets = Annotated[Several[Length], Field(min_length=3, max_length=3)]
 ThreeRates = Annotated[Several[Speed], Field(min_length=3, max_length=3)]
 _ZERO = "0 or more"
@@ -78,15 +81,18 @@ class TrueNoise(Twin):
 
 
 class TrueBias(Twin):
-    """What a bias really is."""
+    """What a bias really is; with a correlation of its own it has the keys of that."""
 
+    correlation: BiasCorrelation | None = Field(None, description="Where it changes in another way than is assumed")
     sigma: AnySpread | None = None
     sigma_ra: AnySpread | None = None
     sigma_dec: AnySpread | None = None
     mean_ra: Angle | None = None
     mean_dec: Angle | None = None
     drift: RateSpread | None = None
+    gap: PositiveDuration | None = Field(None, description="A longer pause begins a new arc, of per_arc")
     time: Duration | None = Field(None, description="Correlation time of gauss_markov")
+    zone: PositiveAngle | None = Field(None, description="Side of a zone of the sky, of per_zone")
 
     def complaints(self) -> list[Complaint]:
         """One form of the sigma; a time is more than none."""
@@ -97,6 +103,7 @@ class TrueBias(Twin):
 class TruePosition(Twin):
     """What the error of a telescope's position really is, on the axes of the assumption."""
 
+    correlation: PositionCorrelation | None = Field(None, description="Where it changes in another way than is assumed")
     sigma: LengthSpread | None = None
     sigmas: ThreeSpreads | None = None
     velocity_sigma: SpeedSpread | None = None

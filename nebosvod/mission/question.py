@@ -245,6 +245,7 @@ class Question(Block):
             source.name
             for source in self.sources
             if source.error.has_sigma
+            and source.shadows is None
             and all(self.source_treatment(estimator, source) == "fixed" for estimator in self.estimators)
         ]
         text = "is fixed: it has no error in this mission, in truth neither, and its sigma is not used"
@@ -261,6 +262,8 @@ class Question(Block):
     @staticmethod
     def source_treatment(estimator: Estimator, source: Source) -> Treatment:
         """What an estimator does with a source: its own word, the most particular one, else the mission's."""
+        if source.shadows is not None:
+            return "fixed" if Question.source_treatment(estimator, source.shadows) == "fixed" else "ignored"
         own = (estimator.treatment[key] for key in source.keys if key in estimator.treatment)
         treatment = next(own, source.error.treatment)
         return treatment if source.fresh else as_method(estimator, treatment)

@@ -1,7 +1,7 @@
 """The sources of uncertainty about telescopes, collected from all places where a mission may say them."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from nebosvod.mission.fields import Block, KeyPath, Text
 from nebosvod.mission.request import TelescopeNames
@@ -46,6 +46,7 @@ class Source:
     telescopes : names of those it acts on.
     error : the block that describes it.
     path : where that block stands in the file.
+    shadows : the source whose truth this is, where that is of another kind than is assumed; no estimator knows of it.
     """
 
     name: str
@@ -54,6 +55,7 @@ class Source:
     telescopes: tuple[str, ...]
     error: Error
     path: KeyPath
+    shadows: "Source | None" = None
 
     @property
     def fresh(self) -> bool:
@@ -72,7 +74,17 @@ class Source:
 
 
 def sources(telescopes: tuple[Telescope, ...], shared: tuple[Shared, ...], target: Target) -> Iterator[Source]:
-    """Every source of a mission: of each telescope, shared, the photocentre and the process noise of the object."""
+    """Every source of a mission, and what some really are where that is of another kind than is assumed."""
+    for source in _assumed(telescopes, shared, target):
+        yield source
+        other = getattr(source.error, "other_kind", None)
+        if other is not None:
+            name, path = f"{source.name} in truth", (*source.path, "true")
+            yield replace(source, name=name, keys=(), error=other, path=path, shadows=source)
+
+
+def _assumed(telescopes: tuple[Telescope, ...], shared: tuple[Shared, ...], target: Target) -> Iterator[Source]:
+    """The sources as they are assumed: of each telescope, shared, of the object."""
     names = tuple(telescope.name for telescope in telescopes)
     for i, telescope in enumerate(telescopes):
         for group in OWN:

@@ -8,6 +8,8 @@ from pydantic import Field
 from nebosvod.borders.treatment import Treatment
 from nebosvod.mission.covariance import MATRIX_SCHEMA, Array, read_matrix
 from nebosvod.mission.declared import (
+    BiasCorrelation,
+    PositionCorrelation,
     TrueAmplitude,
     TrueBias,
     TruePlateScale,
@@ -96,6 +98,15 @@ def _misplaced(block: Block, correlation: str, owners: dict[str, tuple[str, bool
     return found
 
 
+BIAS_OWNERS: dict[str, tuple[str, bool]] = {
+    "drift": ("drift", True),
+    "epoch": ("drift", False),
+    "gap": ("per_arc", True),
+    "time": ("gauss_markov", True),
+    "zone": ("per_zone", True),
+}
+
+
 class Bias(Block):
     """An error of RA* and Dec that does not average out: its size, how it changes, and its treatment."""
 
@@ -104,7 +115,7 @@ class Bias(Block):
     sigma_dec: PositiveAngle | None = None
     mean_ra: Angle = 0.0
     mean_dec: Angle = 0.0
-    correlation: Literal["constant", "drift", "per_arc", "gauss_markov", "per_zone"] = "constant"
+    correlation: BiasCorrelation = "constant"
     drift: PositiveAngleRate | None = Field(None, description="Sigma of the drift, each axis")
     epoch: When | None = Field(None, description="Where bias and drift are independent; the reference epoch if absent")
     gap: PositiveDuration | None = Field(None, description="A longer pause begins a new arc, of per_arc")
@@ -115,14 +126,7 @@ class Bias(Block):
 
     def complaints(self) -> list[Complaint]:
         """Keys that fit the correlation; either sigma or both of the pair."""
-        owners = {
-            "drift": ("drift", True),
-            "epoch": ("drift", False),
-            "gap": ("per_arc", True),
-            "time": ("gauss_markov", True),
-            "zone": ("per_zone", True),
-        }
-        found = _misplaced(self, self.correlation, owners)
+        found = _misplaced(self, self.correlation, BIAS_OWNERS)
         for key in ("mean_ra", "mean_dec"):
             if getattr(self, key) != 0.0 and self.correlation != "constant":
                 found.append(((key,), f"belongs to constant only (got correlation {self.correlation})"))
@@ -130,13 +134,23 @@ class Bias(Block):
             found.append((("zone",), "is out of range (allowed 0.06 deg to 180 deg)"))
         sigmas = (self.sigma, self.sigma_ra, self.sigma_dec)
         found += twin_complaints(self.true, any(sigmas), self.treatment)
-        if self.true is not None:
-            for key, owner in (("drift", "drift"), ("time", "gauss_markov")):
-                if getattr(self.true, key) is not None and self.correlation != owner:
-                    found.append((("true", key), f"belongs to {owner} only (got correlation {self.correlation})"))
+        found += self._twin_complaints()
         if self.correlation == "constant" and self.treatment in ("estimated", "fixed") and not any(sigmas):
             return found  # unknown beforehand, or exactly its mean
         return found + one_or_pair(*sigmas)
+
+    def _twin_complaints(self) -> list[Complaint]:
+        """Keys of the twin fit its correlation; what stays as it is in kind has no gap and no zone of its own."""
+        if self.true is None:
+            return []
+        other = self.true.correlation not in (None, self.correlation)
+        owners = {key: BIAS_OWNERS[key] for key in ("drift", "gap", "time", "zone")}
+        if other:
+            found = _misplaced(self.true, str(self.true.correlation), owners)
+        else:
+            owners |= dict.fromkeys(("gap", "zone"), ("a correlation of its own", False))
+            found = _misplaced(self.true, self.correlation, {k: (owner, False) for k, (owner, _) in owners.items()})
+        return [(("true", *key), text) for key, text in found]
 
     @property
     def sigma_rad(self) -> Pair | None:
@@ -159,13 +173,30 @@ class Bias(Block):
 
     @property
     def truth(self) -> "Bias":
-        """What it really is; the means of what is not constant are in `true_mean`."""
+        """What it really is, of the kind assumed (`other_kind`); means of what is not constant are in `true_mean`."""
         if self.true is None:
             return self
-        said = dict(self.true.said)
+        if self.other_kind is not None:
+            drift = None if self.drift is None else 0.0
+            return self.model_copy(
+                update={"sigma": None, "sigma_ra": 0.0, "sigma_dec": 0.0, "drift": drift, "true": None}
+            )
+        said = {key: value for key, value in self.true.said.items() if key != "correlation"}
         pair = said.pop("sigma", None), said.pop("sigma_ra", None), said.pop("sigma_dec", None)
         said |= sigma_update(self.sigma_rad or (0.0, 0.0), *pair)
         return self.model_copy(update={**said, "true": None})
+
+    @property
+    def other_kind(self) -> "Bias | None":
+        """What it really is beside its mean, where that is of another kind than is assumed: an error left out."""
+        twin = self.true
+        if twin is None or twin.correlation in (None, self.correlation):
+            return None
+        size = sigma_update(self.sigma_rad or (0.0, 0.0), twin.sigma, twin.sigma_ra, twin.sigma_dec)
+        return Bias.model_construct(
+            **size, correlation=twin.correlation, drift=twin.drift, gap=twin.gap, time=twin.time, zone=twin.zone,
+            epoch=self.epoch, treatment="ignored",
+        )  # fmt: skip
 
     @property
     def true_mean(self) -> Pair | None:
@@ -189,7 +220,7 @@ class Position(Block):
 
     sigma: PositiveLength | None = Field(None, description="On every axis")
     sigmas: ThreeLengths | None = Field(None, description="One for each axis of the frame")
-    correlation: Literal["white", "constant", "gauss_markov", "orbit_error"]
+    correlation: PositionCorrelation
     time: PositiveDuration | None = Field(None, description="Correlation time of gauss_markov")
     velocity_sigma: PositiveSpeed | None = Field(None, description="On every axis, of orbit_error")
     velocity_sigmas: ThreeSpeeds | None = Field(None, description="One for each axis, of orbit_error")
@@ -228,20 +259,29 @@ class Position(Block):
         found = twin_complaints(self.true, True, self.treatment)
         if self.true is None:
             return found
-        for key, owner in (("velocity_sigma", "orbit_error"), ("time", "gauss_markov")):
-            if getattr(self.true, key) is not None and self.correlation != owner:
-                found.append((("true", key), f"belongs to {owner} only (got correlation {self.correlation})"))
+        other = self.true.correlation not in (None, self.correlation)
+        kind = str(self.true.correlation) if other else self.correlation
+        owners = {"velocity_sigma": ("orbit_error", other), "time": ("gauss_markov", other)}
+        found += [(("true", *key), text) for key, text in _misplaced(self.true, kind, owners)]
         sized = [key for key in ("sigma", "sigmas", "velocity_sigma") if getattr(self.true, key) is not None]
+        if other and self.covariance is not None:
+            if not {"sigma", "sigmas"} & set(sized):
+                found.append((("true",), "needs a sigma of its own: the assumption is a covariance"))
+            return found
         if sized and self.covariance is not None:
             found.append((("true", sized[0]), "stands against a covariance; give the assumption as sigmas too"))
         return found
 
     @property
     def truth(self) -> "Position":
-        """What it really is; its mean is in `true_mean`."""
+        """What it really is, of the kind assumed (`other_kind`); its mean is in `true_mean`."""
         if self.true is None:
             return self
-        said = {key: value for key, value in self.true.said.items() if key != "mean"}
+        said = {key: value for key, value in self.true.said.items() if key not in ("mean", "correlation")}
+        if self.other_kind is not None:
+            rates = (0.0, 0.0, 0.0) if self.correlation == "orbit_error" else None
+            said = {"sigmas": (0.0, 0.0, 0.0), "sigma": None, "velocity_sigma": None, "velocity_sigmas": rates}
+            return self.model_copy(update={**said, "covariance": None, "true": None})
         if "sigma" in said:
             said["sigmas"] = None
         elif "sigmas" in said:
@@ -249,6 +289,23 @@ class Position(Block):
         if "velocity_sigma" in said:
             said["velocity_sigmas"] = None
         return self.model_copy(update={**said, "true": None})
+
+    @property
+    def other_kind(self) -> "Position | None":
+        """What it really is beside its mean, where that is of another kind than is assumed: an error left out."""
+        twin = self.true
+        if twin is None or twin.correlation in (None, self.correlation):
+            return None
+        own = twin.sigma is not None or twin.sigmas is not None
+        return Position.model_construct(
+            sigma=twin.sigma if own else self.sigma,
+            sigmas=twin.sigmas if own else self.sigmas,
+            correlation=twin.correlation,
+            time=twin.time,
+            velocity_sigma=twin.velocity_sigma,
+            frame=self.frame,
+            treatment="ignored",
+        )
 
     @property
     def true_mean(self) -> tuple[float, ...] | None:

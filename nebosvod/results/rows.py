@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nebosvod.engine.filtering import Filtered
-from nebosvod.engine.montecarlo import Consistency
+from nebosvod.engine.montecarlo import StateNees
 from nebosvod.engine.quantity import M_PER_KM
 from nebosvod.estimation.accuracy.consistency import chi_square_interval
 from nebosvod.findings.blame import QuantityShare, QuantitySigmas, Remedied, Remedies, StateShare, StateSigmas
@@ -289,13 +289,13 @@ def accuracies(found: Accuracies) -> Row:
     }
 
 
-def consistency_block(found: Mapping[str, Consistency]) -> Row:
+def consistency_block(found: Mapping[str, StateNees]) -> Row:
     """The `consistency` block by estimator, the first one's numbers ahead; empty without runs."""
-    rows = [{"estimator": name, **consistency(one)} for name, one in found.items()]
+    rows = [{"estimator": name, **state_nees(one)} for name, one in found.items()]
     return {"consistency": {**rows[0], "by_estimator": rows}} if rows else {}
 
 
-def consistency(found: Consistency) -> Row:
+def state_nees(found: StateNees) -> Row:
     """The numbers of one estimator."""
     return {
         "n_runs": found.runs,

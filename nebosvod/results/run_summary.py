@@ -10,7 +10,7 @@ import numpy.typing as npt
 from nebosvod.dynamics.constants import SOLAR_IRRADIANCE_W_M2
 from nebosvod.engine.assembly import nuisance_treatment
 from nebosvod.engine.fitting import Fit
-from nebosvod.engine.montecarlo import Consistency
+from nebosvod.engine.montecarlo import StateNees
 from nebosvod.engine.quantity import M_PER_KM, SIGMAS
 from nebosvod.estimation.accuracy import ellipse
 from nebosvod.estimation.accuracy.formed import matrices
@@ -42,7 +42,7 @@ def summarise(
     priors: PriorTable,
     fits: Sequence[Fit],
     findings: Findings,
-    trials: Mapping[str, Consistency],
+    trials: Mapping[str, StateNees],
     *,
     drawn: bool = True,
 ) -> dict[str, Any]:

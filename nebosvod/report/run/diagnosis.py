@@ -14,6 +14,7 @@ from nebosvod.report.run.tables import Cell, Table
 from nebosvod.results.folder import Array, Item, RunFolder
 
 DASHED = "5 3"
+MOST_SHOWN = 12  # telescopes without a bias whose tests are shown
 
 
 def sentences(run: RunFolder) -> list[str]:
@@ -35,9 +36,12 @@ def sentences(run: RunFolder) -> list[str]:
 
 
 def bias_table(run: RunFolder) -> Table | None:
-    """Both hypotheses for each telescope."""
+    """Both hypotheses for each telescope; of many, for those that have a bias and those with most measurements."""
     rows: list[tuple[Cell, ...]] = []
-    for one in (run.summary.get("diagnosis") or {}).get("bias_tests", ()):
+    tests: list[Item] = list((run.summary.get("diagnosis") or {}).get("bias_tests", ()))
+    largest = {one["telescope"] for one in sorted(tests, key=lambda one: -one["n"])[:MOST_SHOWN]}
+    chosen = [one for one in tests if one["telescope"] in largest or one["verdict"] != "no bias"]
+    for one in chosen:
         for form in ("constant", "appearing"):
             h = one[form]
             if h is None:
@@ -55,7 +59,8 @@ def bias_table(run: RunFolder) -> Table | None:
         return None
     return Table(
         caption="Is there a bias: none (H0) against one that is there all the time, and one that appears (H1, the best "
-        "of several moments)",
+        "of several moments)"
+        + (f"; {len(tests) - len(chosen)} more were asked and have none" if len(tests) > len(chosen) else ""),
         head=("telescope", "bias", "since", "RA cos Dec, Dec", "1σ", "drop of χ²", "by chance", "found",
               f"found with 90{NBSP}% from", "would move the orbit"),
         align="lllrrrrlrr", rows=tuple(rows),
@@ -90,7 +95,7 @@ def power_plate(run: RunFolder) -> Plate | None:
     sizes, power = run.array("bias_size_arcsec"), run.array("bias_power")
     if sizes is None or power is None:
         return None
-    for i, one in enumerate(run.summary["diagnosis"]["bias_tests"]):
+    for i, one in enumerate(run.summary["diagnosis"]["bias_tests"][:MOST_SHOWN]):
         for k, form in enumerate(("constant", "appearing")):
             if np.isfinite(power[i, k]).all():
                 drawn.append((one["telescope"], form, sizes[i, k, 1:], power[i, k, 1:]))

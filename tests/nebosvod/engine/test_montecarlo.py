@@ -10,7 +10,7 @@ from scipy import stats
 
 from nebosvod.engine.assembly import computed_psi, linear_problem
 from nebosvod.engine.fitting import fit
-from nebosvod.engine.montecarlo import consistency, repeat
+from nebosvod.engine.montecarlo import repeat, state_nees
 from nebosvod.engine.trial import Setting as TrialSetting
 from nebosvod.engine.trial import generator, measured_truth
 from nebosvod.engine.truth import draw
@@ -55,7 +55,7 @@ def test_the_state_alone_and_its_summary_block_pass(minimal_setting: Setting) ->
     scene, priors, nominal = minimal_setting
     sample = repeat(scene, scene.mission.estimators[0], nominal, priors, RUNS, SEED + 1)
     assert_covariance(sample.errors[:, :6], sample.reference.factor(STATE_NAMES))
-    block = consistency(sample)
+    block = state_nees(sample)
     low, high = block.nees_interval_99
     assert low < block.nees_mean < high
     assert set(block.coverage) == {0.5, 0.9, 0.99}

@@ -19,7 +19,7 @@ import pytest
 import nebosvod.results
 import nebosvod.studies
 from nebosvod.engine.facts import BodyFacts, EncounterFacts, EntryFacts, ImpactFacts, SkyFacts, StateFacts, ValueFacts
-from nebosvod.engine.montecarlo import Consistency
+from nebosvod.engine.montecarlo import StateNees
 from nebosvod.engine.quantity import Quantity
 from nebosvod.findings import blame
 from nebosvod.findings.blame import QuantityShare, QuantitySigmas, StateShare, StateSigmas
@@ -291,7 +291,7 @@ SIMPLE: dict[str, tuple[Callable[[], Any], Callable[[Any], Row], Row, tuple[str,
         lambda: Filler().of(NoiseRatio), lambda one: rows.noise_to_nuisance(one, [required_of(Filler(), True)]),
         RUN["$defs"]["noise_to_nuisance"], (),
     ),
-    "consistency": (lambda: Filler().of(Consistency), rows.consistency, RUN["$defs"]["trials"], (".estimator",)),
+    "consistency": (lambda: Filler().of(StateNees), rows.state_nees, RUN["$defs"]["trials"], (".estimator",)),
     "impact": (
         lambda: Filler().of(Impact, encounter=Filler().of(EncounterFacts, speed_km_s=1001.0, capture_radius_km=None)),
         prediction_rows.impact, RUN["$defs"]["impact"], (),

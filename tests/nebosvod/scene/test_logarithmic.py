@@ -10,7 +10,7 @@ from nebosvod.commands.check_answer import describe
 from nebosvod.dynamics import propagate
 from nebosvod.engine.assembly import nominal_view
 from nebosvod.engine.fitting import fit
-from nebosvod.engine.montecarlo import consistency, repeat
+from nebosvod.engine.montecarlo import repeat, state_nees
 from nebosvod.engine.truth import draw
 from nebosvod.errors import InputError
 from nebosvod.mission import load_fit, load_mission_text
@@ -158,7 +158,7 @@ def test_estimates_follow_a_truth_that_is_far_off_and_stay_positive(light: str) 
 
 def test_a_campaign_judges_lognormal_errors_honest(light: str, make_setting) -> None:
     scene, priors, nominal = make_setting(load_mission_text(light))
-    found = consistency(repeat(scene, scene.mission.estimators[0], nominal, priors, 400, 7))
+    found = state_nees(repeat(scene, scene.mission.estimators[0], nominal, priors, 400, 7))
     low, high = found.nees_interval_99
     assert low < found.nees_mean < high
 

@@ -18,7 +18,7 @@ from scipy.integrate import solve_ivp
 import nebosvod
 from nebosvod.cli import main
 from nebosvod.dynamics import propagate
-from nebosvod.engine.montecarlo import consistency, repeat
+from nebosvod.engine.montecarlo import repeat, state_nees
 from nebosvod.engine.trial import LINEAR_SIGMA, Setting, generator, measured_truth, possible, second_order
 from nebosvod.mission import Mission, load_mission, load_mission_text
 from nebosvod.mission.reading.builtin import builtin_names
@@ -75,7 +75,7 @@ def test_the_monte_carlo_of_a_run_is_iterated_too(
 ) -> None:
     scene, priors, nominal = make_setting(load_mission_text(neb_text + WIDE))
     sample = repeat(scene, scene.mission.estimators[0], nominal, priors, 80, SEED)
-    block = consistency(sample)
+    block = state_nees(sample)
     assert block.iterated
     assert block.second_order_sigma > 1.0
     assert block.lost == 0
