@@ -194,8 +194,8 @@ class Bias(Block):
             return None
         size = sigma_update(self.sigma_rad or (0.0, 0.0), twin.sigma, twin.sigma_ra, twin.sigma_dec)
         return Bias.model_construct(
-            **size, correlation=twin.correlation, drift=twin.drift, gap=twin.gap, time=twin.time, zone=twin.zone,
-            epoch=self.epoch, treatment="ignored",
+            sigma=size["sigma"], sigma_ra=size["sigma_ra"], sigma_dec=size["sigma_dec"], correlation=twin.correlation,
+            drift=twin.drift, gap=twin.gap, time=twin.time, zone=twin.zone, epoch=self.epoch, treatment="ignored",
         )  # fmt: skip
 
     @property
