@@ -4,11 +4,12 @@ from pathlib import Path
 
 import click
 
+from nebosvod.commands import completion
 from nebosvod.errors import EXIT_QUALITY, InputError
 
 
 @click.command()
-@click.argument("files", nargs=-1, metavar="FILE...")
+@click.argument("files", nargs=-1, metavar="FILE...", shell_complete=completion.files)
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="Also write a folder: JSON, draws, a page.")
 @click.option(
     "--object", "designations", multiple=True, help="Any designation of the object, where files hold several."

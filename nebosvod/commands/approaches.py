@@ -4,9 +4,11 @@ from pathlib import Path
 
 import click
 
+from nebosvod.commands import completion
+
 
 @click.command()
-@click.argument("orbit")
+@click.argument("orbit", shell_complete=completion.orbits)
 @click.option("--from", "since", required=True, help="First date, UTC.")
 @click.option("--to", "until", required=True, help="Last date, UTC.")
 @click.option("--within", default="0.1 au", show_default=True, help="Only nearer than this, in au or km.")

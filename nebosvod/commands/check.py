@@ -4,9 +4,11 @@ from importlib import import_module
 
 import click
 
+from nebosvod.commands import completion
+
 
 @click.command()
-@click.argument("mission")
+@click.argument("mission", shell_complete=completion.missions)
 def check(mission: str) -> int:
     """Validate MISSION, print what it resolves to and what it will cost; run nothing."""
     from nebosvod.mission import load_any

@@ -4,9 +4,13 @@ from pathlib import Path
 
 import click
 
+from nebosvod.commands import completion
+
 
 @click.command()
-@click.argument("folders", nargs=-1, type=click.Path(path_type=Path), metavar="DIR DIR ...")
+@click.argument(
+    "folders", nargs=-1, type=click.Path(path_type=Path), metavar="DIR DIR ...", shell_complete=completion.run_folders
+)
 @click.option(
     "--page", type=click.Path(path_type=Path), help="Also write tables and overlaid ellipses to this new .html."
 )

@@ -2,9 +2,11 @@
 
 import click
 
+from nebosvod.commands import completion
+
 
 @click.command()
-@click.argument("orbit")
+@click.argument("orbit", shell_complete=completion.orbits)
 @click.option("--at", "at", help="Date, UTC unless it says TDB; the orbit's own epoch when absent.")
 @click.option("--json", "as_json", is_flag=True, help="Print them as JSON, and nothing else, on stdout.")
 def elements(orbit: str, at: str | None, as_json: bool) -> int:

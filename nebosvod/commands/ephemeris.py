@@ -4,11 +4,12 @@ from pathlib import Path
 
 import click
 
+from nebosvod.commands import completion
 from nebosvod.errors import EXIT_QUALITY, InputError
 
 
 @click.command()
-@click.argument("orbit")
+@click.argument("orbit", shell_complete=completion.orbits)
 @click.option("--from", "since", required=True, help="First time of reception: a date, UTC.")
 @click.option("--to", "until", required=True, help="Last time, included.")
 @click.option("--step", default="1 d", show_default=True, help='From one time to the next, as "1 d" or "10 min".')

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
+from nebosvod.commands import completion
 from nebosvod.errors import InputError
 
 if TYPE_CHECKING:
@@ -17,12 +18,15 @@ OF_DECISIONS = ("until", "bodies", "telescope", "sigma", "draws", "truths", "see
 
 
 @click.command()
-@click.argument("mission", metavar="MISSION | ORBIT")
+@click.argument("mission", metavar="MISSION | ORBIT", shell_complete=completion.orbits)
 @click.option(
-    "--prediction", "-p", help="Name of a prediction of the mission [default: its first encounter, or first]."
-)
+    "--prediction", "-p", shell_complete=completion.named("predictions"),
+    help="Name of a prediction of the mission [default: its first encounter, or first].",
+)  # fmt: skip
 @click.option("--visits", "-k", type=int, default=5, show_default=True, help="How many visits to schedule.")
-@click.option("--estimator", help="Name of an estimator [default: the first].")
+@click.option(
+    "--estimator", shell_complete=completion.named("estimators"), help="Name of an estimator [default: the first]."
+)
 @click.option(
     "--criterion",
     type=click.Choice(["a", "d", "minimax", "guaranteed"]),

@@ -4,9 +4,11 @@ from pathlib import Path
 
 import click
 
+from nebosvod.commands import completion
+
 
 @click.command()
-@click.argument("folder", type=click.Path(path_type=Path))
+@click.argument("folder", type=click.Path(path_type=Path), shell_complete=completion.run_folders)
 @click.option("--pdf", is_flag=True, help="Also print it to report.pdf, by a Chromium of this machine.")
 def report(folder: Path, pdf: bool) -> int:
     """(Re)make report.html of the run in FOLDER (of a study study.html), from its files alone."""

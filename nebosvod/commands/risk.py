@@ -5,11 +5,13 @@ from typing import Literal
 
 import click
 
+from nebosvod.commands import completion
+
 Coordinates = Literal["cartesian", "equinoctial"]
 
 
 @click.command()
-@click.argument("orbit")
+@click.argument("orbit", shell_complete=completion.orbits)
 @click.option("--until", required=True, help="Last date, UTC.")
 @click.option("--bodies", default="earth,moon", show_default=True, help="What may be hit: planets and moon, by commas.")
 @click.option("--on", help="From when the years of the Palermo scale count, UTC; the last observation by default.")

@@ -4,11 +4,12 @@ from pathlib import Path
 
 import click
 
+from nebosvod.commands import completion
 from nebosvod.errors import EXIT_QUALITY
 
 
 @click.command()
-@click.argument("mission")
+@click.argument("mission", shell_complete=completion.missions)
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="Run folder [default: ./<mission name>-run].")
 @click.option("--seed", type=click.IntRange(0, 2**63 - 1), default=0, show_default=True, help="Seed of the simulation.")
 @click.option("--nominal", is_flag=True, help="Draw no error: the accuracy about the reference orbit itself.")

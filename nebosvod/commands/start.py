@@ -5,6 +5,7 @@ from pathlib import Path
 
 import click
 
+from nebosvod.commands import completion
 from nebosvod.errors import InputError
 
 ANSWERS = {  # whose answer -> the package and file of its JSON Schema
@@ -25,14 +26,22 @@ ANSWERS = {  # whose answer -> the package and file of its JSON Schema
 
 @click.command()
 @click.argument("path", type=click.Path(path_type=Path))
-def init(path: Path) -> int:
-    """Write a commented mission to PATH (a new .yaml file) to start from."""
+@click.option("--from", "source", shell_complete=completion.missions, help="A mission to copy: built-in, or a file.")
+def init(path: Path, source: str | None) -> int:
+    """Write a commented mission to PATH (a new .yaml file) to start from.
+
+    \b
+    Example:  nebosvod init my.yaml
+    Example:  nebosvod init my.yaml --from apophis-2029
+    """
     from nebosvod.borders.wholefile import write_new_text
     from nebosvod.mission import template_text
+    from nebosvod.mission.reading.copying import copied_text
 
     if path.suffix not in (".yaml", ".yml"):
         raise InputError(f"{path}: a mission file ends in .yaml; try: nebosvod init {path}.yaml")
-    write_new_text(path, template_text(path.stem))
+    text = template_text(path.stem) if source is None else copied_text(source, path)
+    write_new_text(path, text)
     click.echo(f"wrote {path}\nnext: edit it, then  nebosvod check {path}  and  nebosvod run {path}")
     return 0
 

@@ -4,12 +4,13 @@ from pathlib import Path
 
 import click
 
+from nebosvod.commands import completion
 from nebosvod.commands.workers import workers_from, workers_options
 from nebosvod.errors import EXIT_QUALITY, InputError
 
 
 @click.command()
-@click.argument("words", nargs=-1, metavar="[check] STUDY.yaml")
+@click.argument("words", nargs=-1, metavar="[check] STUDY.yaml", shell_complete=completion.studies)
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="Folder [default: ./<study name>-study].")
 @click.option("--check", "only_check", is_flag=True, help="Check the file, say what it costs; run nothing.")
 @click.option("--resume", is_flag=True, help="Go on with a study that is there; refuse to begin one.")

@@ -4,12 +4,13 @@ from pathlib import Path
 
 import click
 
+from nebosvod.commands import completion
 from nebosvod.commands.workers import workers_from, workers_options
 from nebosvod.errors import EXIT_QUALITY
 
 
 @click.command()
-@click.argument("mission")
+@click.argument("mission", shell_complete=completion.missions)
 @click.option("--runs", "-n", type=int, default=2000, show_default=True, help="Simulated truths.")
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="Folder [default: ./<mission name>-validation].")
 @workers_options

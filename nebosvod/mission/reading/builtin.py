@@ -37,10 +37,10 @@ def list_missions() -> list[tuple[str, str]]:
 def template_text(name: str) -> str:
     """A commented mission called `name`, to start one's own from."""
     text = (_folder() / "_template.yaml").read_text("utf-8")
-    return text.replace("name: my-mission", f"name: {_quoted(name)}", 1)
+    return text.replace("name: my-mission", f"name: {quoted(name)}", 1)
 
 
-def _quoted(name: str) -> str:
+def quoted(name: str) -> str:
     """The name as a YAML scalar."""
     plain = name.isascii() and name.replace("-", "").replace("_", "").isalnum() and name[0].isalpha()
     return name if plain and name.lower() not in ("true", "false", "null") else f'"{_escaped(name)}"'
