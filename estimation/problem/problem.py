@@ -209,6 +209,7 @@ class LinearProblem:
     noise_names : names of the noise sources in the budget.
     true_R : what the noise really is; the assumed one by default.
     scale : typical size of parameters by name; used only to weigh the names of a weak direction.
+    weightless : measurements whose assumed noise is beyond all measure; no degrees of freedom are counted for them.
 
     Raises
     ------
@@ -227,6 +228,7 @@ class LinearProblem:
     noise_names: tuple[str, ...] = ("measurement noise",)
     true_R: Array | None = None
     scale: dict[str, float] | None = None
+    weightless: int = 0
 
     def __post_init__(self) -> None:
         for field in ("blocks", "priors", "white", "markov", "noise_names"):
@@ -252,6 +254,11 @@ class LinearProblem:
     def p(self) -> int:
         """Components of one measurement."""
         return int(self.residual.shape[1])
+
+    @property
+    def counted(self) -> int:
+        """Components of the measurements that have weight."""
+        return (self.n - self.weightless) * self.p
 
     @property
     def truth(self) -> Array:

@@ -351,7 +351,7 @@ def _estimate(problem: LinearProblem, partition: Partition, sweep: _Sweep) -> Es
         left_out=partition.left_out,
         status=Status.CONVERGED,
         message=Status.CONVERGED.sentence,
-        dof=problem.residual.size - sweep.rejected * problem.p,
+        dof=problem.counted - sweep.rejected * problem.p,
         condition_number=condition.number,
         rank=condition.rank,
         weak_direction=weak_direction(problem, partition, condition),

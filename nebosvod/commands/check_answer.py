@@ -75,7 +75,8 @@ def describe(mission: Mission, seen: Sequence[str] = ()) -> str:
     lines.append(f"prior orbit      {_prior(mission)}")
     for estimator in mission.estimators:
         changed = "".join(f", {group} {how}" for group, how in estimator.treatment.items())
-        lines.append(f"estimator        {estimator.name}: {estimator.method}{changed}")
+        of = "" if estimator.telescopes == "all" else f", {' and '.join(estimator.telescopes)} alone"
+        lines.append(f"estimator        {estimator.name}: {estimator.method}{of}{changed}")
     for prediction in mission.predictions:
         lines.append(f"prediction       {prediction.name}: {prediction.plane} at {prediction.when}")
     lines += [f"notice           {notice}" for notice in mission.notices]

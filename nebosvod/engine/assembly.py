@@ -30,6 +30,9 @@ from nebosvod.scene.scene import Scene
 from nebosvod.scene.sharing import ALONE, Shared
 
 Array = npt.NDArray[np.float64]
+# of the noise of measurements that an estimator does not take: their weight is below the last digit of all others, and
+# every array keeps its rows
+WEIGHTLESS = 1e34
 
 
 def nominal_view(scene: Scene, near: Array | None = None, *, simulates: bool = True, shared: Shared = ALONE) -> View:
@@ -127,10 +130,16 @@ def linear_problem(
             white.append(
                 White(name=term.name, H=term.H, Q=term.Q, rows=term.rows, treatment=treatment, true_Q=term.true_Q)
             )
+    unused = left_aside(estimator, observation)
+    R, true_R = observation.noise, scene.exposures.true_noise(observation.rate)
+    if unused.any():
+        true_R = R if true_R is None else true_R
+        R = np.where(unused[:, None, None], WEIGHTLESS * R, R)
     return LinearProblem(
         residual=residual(observed_psi, computed_psi(seen)),
-        R=observation.noise,
-        true_R=scene.exposures.true_noise(observation.rate),
+        R=R,
+        true_R=true_R,
+        weightless=int(np.count_nonzero(unused)),
         blocks=tuple(blocks),
         priors=(*priors.at(about.values), *own),
         white=tuple(white),
@@ -141,9 +150,19 @@ def linear_problem(
     )
 
 
+def left_aside(estimator: Estimator, observation: Observation) -> npt.NDArray[np.bool_]:
+    """Measurements (n,) of telescopes that an estimator does not take."""
+    takes = [estimator.takes(telescope.name) for telescope in observation.telescopes]
+    aside: npt.NDArray[np.bool_] = ~np.array(takes, dtype=np.bool_)[observation.telescope_index]
+    return aside
+
+
 def nuisance_treatment(scene: Scene, estimator: Estimator, name: str) -> Treatment:
-    """What an estimator does with the source of this name."""
-    return scene.mission.source_treatment(estimator, scene.sources[name])
+    """What an estimator does with the source of this name; nothing where it takes no telescope that has it."""
+    source = scene.sources[name]
+    if not any(estimator.takes(telescope) for telescope in source.telescopes):
+        return "fixed"
+    return scene.mission.source_treatment(estimator, source)
 
 
 def assumed_mean(scene: Scene, term: Common, treatment: Treatment) -> Array:

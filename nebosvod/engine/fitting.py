@@ -91,6 +91,11 @@ class Fit:
         return moved
 
     @property
+    def limited(self) -> bool:
+        """Whether it takes the measurements of some telescopes alone."""
+        return self.problem.weightless > 0
+
+    @property
     def own_gain(self) -> bool:
         """Whether the estimator weighs otherwise than least squares."""
         return self.estimator.method in OWN_GAIN

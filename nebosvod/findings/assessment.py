@@ -84,8 +84,8 @@ def assess(
     Notes
     -----
     Estimators with the same treatment of everything have one accuracy: worlds without a source are solved once for
-    them, and the comparison has rows for the first of them. Curves and requirements are those of the first estimator
-    that weighs by least squares.
+    them, and the comparison has rows for the first of them. Curves, requirements and tests of the residuals are those
+    of the first estimator that weighs by least squares all that was measured.
     """
     found = [fit for fit in fits if fit.estimate.solution is not None]
     predicted = {fit.estimator.name: foretold[fit.estimator.name].found for fit in found}
@@ -96,7 +96,8 @@ def assess(
     own = {fit.estimator.name: replace(worlds[kind_of_problem(fit)], now=fit.estimate) for fit in found}
     different = [next(fit for fit in found if kind_of_problem(fit) == kind) for kind in worlds]
     against, ratio_arrays = ratio(scene, *(nominal or (fits[0].problem, fits[0].seen)))
-    leading = next((fit for fit in found if fit.problem.n <= blame.LARGE and not fit.own_gain), None)
+    whole = [fit for fit in found if not fit.own_gain and not fit.limited]
+    leading = next((fit for fit in whole if fit.problem.n <= blame.LARGE), None)
     told = predicted[leading.estimator.name] if leading is not None else []
     show = scene.mission.report.show
     shown = inside(scene, leading, told, show) if leading is not None and show else None
@@ -104,7 +105,7 @@ def assess(
     if found and samples:
         rows, points = _with_drawn(scene, found[0], predicted[found[0].estimator.name], rows, seed)
     five = tuple(comparison(scene, different, predicted, samples))
-    asked = most_complete(fit for fit in found if not fit.own_gain)
+    asked = most_complete(whole)
     diagnosis = None if asked is None else diagnose(scene, asked, five)
     main = next((fit for fit in found if fit.status is Status.CONVERGED), None)
     kept = what_if(main, predicted[main.estimator.name]) if main and predicted[main.estimator.name] else None

@@ -153,7 +153,8 @@ def kind_of_problem(fit: Fit) -> Kind:
     """What decides the accuracy of a fit: its gain, and the treatment of everything; one of these, one budget."""
     groups: tuple[Block | White | Markov, ...] = (*fit.problem.blocks, *fit.problem.white, *fit.problem.markov)
     gain = fit.estimator.method if fit.own_gain else "least squares"
-    return (("gain", gain), *((group.name, group.treatment) for group in groups))
+    taken = "all" if fit.estimator.telescopes == "all" else ", ".join(sorted(fit.estimator.telescopes))
+    return (("gain", gain), ("telescopes", taken), *((group.name, group.treatment) for group in groups))
 
 
 def telescopes_of(scene: Scene) -> dict[str, tuple[str, ...]]:

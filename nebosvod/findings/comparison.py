@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from nebosvod.engine.assembly import left_aside
 from nebosvod.engine.fitting import Fit
 from nebosvod.engine.montecarlo import Sample
 from nebosvod.engine.quantity import Quantity, known_partials, spread
@@ -89,7 +90,10 @@ def comparison(
 def _rows(scene: Scene, fit: Fit, asked: Sequence[Quantity], sample: Sample | None) -> list[Accuracies]:
     """Rows of one estimator."""
     rows = []
-    few = thinned(boxed(reaching(fit)), MOST_MEASUREMENTS)
+    whole = reaching(fit)
+    if fit.limited:  # of measurements without weight nothing is required
+        whole = subset(whole, ~left_aside(fit.estimator, fit.observation))
+    few = thinned(boxed(whole), MOST_MEASUREMENTS)
     for quantity in asked:
         W, names = known_partials(quantity, fit.estimate)
         found, off = fit.estimate.predict(W, names), fit.mean_error(W, names)

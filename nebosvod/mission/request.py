@@ -202,7 +202,12 @@ class Estimator(Block):
         description=f"Treatment by group: {', '.join((*PARAMETER_GROUPS, *GROUPS))}; "
         "of one telescope: 'bias NAME', 'position NAME', 'timing NAME'; or any source by its name in the budget",
     )
+    telescopes: Annotated[TelescopeNames, Field(description="Takes the measurements of these alone")] = "all"
     iterations: Annotated[int, Field(ge=1, le=200, description="Cap of Gauss-Newton iterations")] = 20
+
+    def takes(self, telescope: str) -> bool:
+        """Whether it takes the measurements of a telescope."""
+        return self.telescopes == "all" or telescope in self.telescopes
 
 
 class SkyPrediction(Block):

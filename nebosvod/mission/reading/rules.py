@@ -21,6 +21,7 @@ from nebosvod.mission.request import (
     OWN_GAIN,
     PARAMETER_GROUPS,
     TWO_STAGE,
+    WITH_HISTORY,
     Estimator,
     Prior,
     SkyPrediction,
@@ -317,8 +318,23 @@ def _diffuse(mission: Question) -> Iterator[Complaint]:
         yield ("prior",), f"{text}; give it one, or set reference_epoch to the epoch of the prior"
 
 
+def _taken(mission: Mission, index: int, estimator: Estimator) -> Iterator[Complaint]:
+    """Telescopes whose measurements an estimator takes exist; a filter keeps what it believed after all of them."""
+    if estimator.telescopes == "all":
+        return
+    here: KeyPath = ("estimators", index, "telescopes")
+    names = [telescope.name for telescope in mission.telescopes]
+    for j, name in enumerate(estimator.telescopes):
+        if name not in names:
+            yield (*here, j), unknown(name, names, "telescope")
+    if estimator.method in WITH_HISTORY:
+        text = f"{estimator.method} goes through all measurements one by one"
+        yield here, f"{text}; limit batch_qr, or recursive, or give a mission of its own to these telescopes"
+
+
 def _estimator(mission: Mission, index: int, estimator: Estimator) -> Iterator[Complaint]:
     """Overrides name groups that exist, and have what their treatment needs."""
+    yield from _taken(mission, index, estimator)
     here: KeyPath = ("estimators", index, "treatment")
     known = _known_groups(mission)
     for group, treatment in estimator.treatment.items():
