@@ -13,11 +13,14 @@ from nebosvod.results.compare import shown_budget
 
 UNITS = {"m_s": "m/s", "km2_s2": "km^2/s^2", "deg_d": "deg/d", "1": ""}
 BUDGET_ROWS = 8
+SAME = 1e-3  # sigmas that differ by less are told as one
 
 
 def print_comparison(found: Mapping[str, Any], console: Console | None = None) -> None:
     """Print warnings, runs, sigmas of orbit and predictions, and what is to blame in each."""
     out = console or Console(highlight=False, soft_wrap=True)
+    for line in leading_lines(found):
+        out.print(escape(line), style="bold")
     for run in found["runs"]:
         by = listed(run["telescopes"])
         said = f"{run['label']}: {run['object']}, {counted(run['n_observations'], 'measurement')} by {by}"
@@ -34,6 +37,43 @@ def print_comparison(found: Mapping[str, Any], console: Console | None = None) -
     for what, rows in blamed:
         shown = shown_budget(rows, telescopes, BUDGET_ROWS)
         out.print(_shares(f"What is to blame for {escape(what)}, %", shown, labels))
+
+
+def leading_lines(found: Mapping[str, Any]) -> list[str]:
+    """The answer: of each prediction that can be compared, else of the position, which run knows it best and why."""
+    labels = [run["label"] for run in found["runs"]]
+    lines = []
+    for row in found["predictions"]:
+        known = [(one["sigma_total"], k) for k, one in enumerate(row["by_run"]) if one is not None]
+        if row["comparable"] and len(known) > 1:
+            unit = UNITS.get(row["by_run"][known[0][1]]["unit"], row["by_run"][known[0][1]]["unit"])
+            lines.append(_best(f"{row['name']} ({row['plane']})", known, unit, row["budget"], labels))
+    apart = any(text.startswith("the reference epochs differ") for text in found["warnings"])
+    if lines or apart or not found["estimators"]:
+        return lines
+    first = found["estimators"][0]["by_run"]
+    known = [(one["sigma_position_km"], k) for k, one in enumerate(first) if one and one["sigma_position_km"]]
+    return [_best("position at the reference epoch", known, "km", found["budget"], labels)] if len(known) > 1 else []
+
+
+def _best(
+    what: str,
+    known: Sequence[tuple[float, int]],
+    unit: str,
+    budget: Sequence[Mapping[str, Any]],
+    labels: Sequence[str],
+) -> str:
+    """`encounter (b_plane): A is best, 1.2 km (1 sigma); B 2.4 km, x2, above all by bias`."""
+    (sigma, best), *others = sorted(known)
+    if all(one <= sigma * (1.0 + SAME) for one, _ in others):
+        return f"{what}: the same in all, {_number(sigma)} {unit} (1 sigma)".rstrip()
+    told = []
+    for worse, k in others:
+        more = [(row["share"][k] * worse**2 - row["share"][best] * sigma**2, row["source"]) for row in budget]
+        cause = max(more, default=(0.0, ""))
+        why = f", above all by {cause[1]}" if cause[0] > 0.5 * (worse**2 - sigma**2) else ""
+        told.append(f"{labels[k]} {_number(worse)} {unit}, x{worse / sigma:.3g}{why}")
+    return f"{what}: {labels[best]} is best, {_number(sigma)} {unit} (1 sigma); {'; '.join(told)}"
 
 
 def _table(title: str, left: str, labels: Sequence[str]) -> Table:

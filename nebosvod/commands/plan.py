@@ -34,8 +34,8 @@ OF_DECISIONS = ("until", "bodies", "telescope", "sigma", "draws", "truths", "see
     show_default=True,
     help="a: root trace; d: area, volume; minimax: worst correlation of errors; guaranteed: each within 3 sigma.",
 )
-@click.option("--from", "start", help="First candidate epoch, as in a mission file [default: the mission's schedule].")
-@click.option("--to", "end", help="Last candidate epoch.")
+@click.option("--from", "start", help="First candidate epoch, as in a mission file [default: of the schedule].")
+@click.option("--to", "end", help="Last candidate epoch [default: when what is predicted happens].")
 @click.option("--step", help='From one candidate epoch to the next, as "6 h".')
 @click.option("--exposures", type=int, default=1, show_default=True, help="Exposures of a visit.")
 @click.option("--spacing", help='From one exposure of a visit to the next, as "1 min".')

@@ -9,6 +9,7 @@ the best after those before it, and stands beside as many visits spread evenly, 
 import difflib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
@@ -21,7 +22,7 @@ from nebosvod.errors import GeometryError, InputError
 from nebosvod.estimation.accuracy.addition import Additions, Belief, additions, predicted, take
 from nebosvod.mission import Mission
 from nebosvod.mission.reading.reader import require_mission
-from nebosvod.planning.visits import Candidates, candidates, grids
+from nebosvod.planning.visits import SAME_S, Candidates, candidates, grids
 from nebosvod.planning.worst_case import Worst, WorstCase
 from nebosvod.scene.prior import prior_table
 from nebosvod.scene.scene import PlannedScene, build_scene
@@ -270,9 +271,16 @@ def plan(mission: Mission, wish: Wish, say: Callable[[str], None] = lambda messa
     scene = build_scene(mission)
     say("looking for visible epochs")
     priors = prior_table(mission, scene.forces, scene.state)
-    starts = grids(scene, wish.start_s, wish.end_s, wish.step_s, lasts_s)
-    offered = candidates(scene, estimator, priors, starts, wish.exposures, wish.spacing_s)
     asked = quantity(scene, scene.trajectory, request)
+    until_s = asked.epoch - scene.epoch
+    starts, apart_s = grids(scene, wish.start_s, wish.end_s, wish.step_s, lasts_s, until_s)
+    chosen = partial(candidates, scene, estimator, priors, exposures=wish.exposures, spacing_s=wish.spacing_s)
+    try:
+        offered = chosen(starts, apart_s=apart_s)
+    except GeometryError:
+        if apart_s == SAME_S or max(map(len, starts)) < 2:
+            raise
+        offered = chosen([(grid[1:] + grid[:-1]) / 2.0 for grid in starts], apart_s=SAME_S)  # between what is measured
     planner = Planner(offered, SOLVERS[estimator.method], asked, lasts_s)
     visit_s = wish.visit_s or {}
     hours = np.array([visit_s.get(telescope.name, wish.visit_default_s) / HOUR_S for telescope in scene.telescopes])

@@ -21,6 +21,8 @@ from nebosvod.scene.scene import PlannedScene, measured
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 MOST = 50_000
+FEW = 4000  # candidate epochs where nobody asks for more
+SAME_S = 1.0  # nearer, two exposures of a telescope are one
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -61,15 +63,23 @@ class Candidates:
 
 
 def grids(
-    scene: PlannedScene, start_s: float | None, end_s: float | None, step_s: float | None, lasts_s: float = 0.0
-) -> list[Array]:
-    """Candidate epochs of each telescope: the mission's own schedule, or a grid if anything is said.
+    scene: PlannedScene,
+    start_s: float | None,
+    end_s: float | None,
+    step_s: float | None,
+    lasts_s: float = 0.0,
+    until_s: float = -np.inf,
+) -> tuple[list[Array], float]:
+    """Candidate epochs of each telescope, and how far they must be from what it has measured already, s.
 
     Parameters
     ----------
-    start_s, end_s : first and last epoch, s after the reference epoch; those of the schedule when absent.
-    step_s : from one epoch to the next; the closest spacing of the schedule, but at least 10 minutes, when absent.
+    start_s : first epoch, s after the reference epoch; the first of the schedule when absent.
+    end_s : last epoch; the last of the schedule, or `until_s` if that is later, when absent.
+    step_s : from one epoch to the next; the closest spacing of the schedule, but at least 10 minutes and no more than
+        FEW epochs of all telescopes, when absent.
     lasts_s : from the first exposure of a visit to its last; all lie before `end_s`.
+    until_s : when what is predicted happens; afterwards no measurement foretells it.
 
     Raises
     ------
@@ -77,15 +87,17 @@ def grids(
         If the span is empty, beyond the orbit that the mission needs, or has too many epochs.
     """
     scheduled = [scene.mission.times_s(telescope.name) for telescope in scene.telescopes]
-    if start_s is None and end_s is None and step_s is None:
-        return [times[times <= scene.trajectory.span_s[1] - lasts_s] for times in scheduled]
     every = np.unique(np.concatenate(scheduled))
     gaps = np.diff(every)
-    step = step_s if step_s is not None else max(600.0, float(gaps.min()) if gaps.size else 86400.0)
-    first = float(every[0]) if start_s is None else start_s
-    last = float(every[-1]) if end_s is None else end_s
     low, high = scene.trajectory.span_s
     low += 3600.0  # light left the object before it was seen
+    first = float(every[0]) if start_s is None else start_s
+    last = end_s if end_s is not None else min(max(float(every[-1]), until_s), high)
+    step = max(600.0, float(gaps.min()) if gaps.size else 86400.0)
+    if step_s is not None:
+        step = step_s
+    elif last > first:
+        step *= np.ceil((last - first) * len(scheduled) / FEW / step)
     if not low <= first <= last - lasts_s <= high - lasts_s:
         allowed = f"{scene.epoch + low} to {scene.epoch + high}"
         raise InputError(
@@ -96,7 +108,8 @@ def grids(
     if count * len(scheduled) > MOST:
         raise InputError(f"--step: {count * len(scheduled):,} candidate epochs are too many (allowed {MOST:,})")
     grid: Array = first + step * np.arange(count, dtype=np.float64)
-    return [grid for _ in scheduled]
+    asked = start_s is not None or end_s is not None or step_s is not None
+    return [grid for _ in scheduled], SAME_S if asked else 0.49 * step
 
 
 def candidates(
@@ -106,6 +119,7 @@ def candidates(
     epochs: Sequence[Array],
     exposures: int = 1,
     spacing_s: float = 0.0,
+    apart_s: float = 0.0,
 ) -> Candidates:
     """Observe the mission's epochs and the visible candidate visits, and assemble both into one problem.
 
@@ -113,6 +127,7 @@ def candidates(
     ----------
     epochs : for each telescope, when a visit can begin (c,), s after the reference epoch.
     exposures, spacing_s : of a visit; all its exposures must see the object.
+    apart_s : a visit that begins nearer than this to what its telescope has measured already is none.
 
     Raises
     ------
@@ -127,6 +142,8 @@ def candidates(
         seen: Mask = np.asarray(each.reshape(own.size, exposures).all(axis=1))
         already = scene.visibilities[number]
         mine = already.t_s[already.visible]
+        windows.append(_runs(own, seen))
+        seen = seen & ~_measured(own, mine, apart_s)
         times = np.concatenate([mine, (own[seen][:, None] + within).ravel()])
         first = sum(len(one) for one in starts)
         numbers = np.repeat(first + np.arange(np.count_nonzero(seen)), exposures)
@@ -137,9 +154,11 @@ def candidates(
         visit.append(np.concatenate([np.full(mine.size, -1), numbers])[order])
         telescope.append(np.full(times.size, number))
         starts.append([(float(t), number) for t in own[seen]])
-        windows.append(_runs(own, seen))
     begun = np.array([one for part in starts for one in part], dtype=np.float64).reshape(-1, 2)
     if not len(begun):
+        if any(len(window) for window in windows):
+            text = "every candidate epoch at which the object is seen has been measured already"
+            raise GeometryError(f"{scene.mission.name}: {text}; name others with --from, --to and --step")
         raise GeometryError(f"{scene.mission.name}: no telescope sees the object at any candidate epoch; widen them")
     wide = _with_sources(replace(scene, visibilities=tuple(visibilities)))
     nominal = nominal_view(wide, simulates=False)
@@ -162,6 +181,17 @@ def _seen(scene: PlannedScene, number: int, t_s: Array) -> Visibility:
     magnitude = scene.mission.object.magnitude
     law = (magnitude.H, magnitude.G) if magnitude is not None else None
     return visibility(scene.telescopes[number], scene.trajectory, t_s, scene.ephemeris, law)
+
+
+def _measured(epochs: Array, mine: Array, apart_s: float) -> Mask:
+    """Which epochs (n,) lie nearer than `apart_s` to one of the measurements made (m,), ascending."""
+    if not mine.size:
+        return np.zeros(epochs.shape, dtype=np.bool_)
+    after = np.minimum(np.searchsorted(mine, epochs), mine.size - 1)
+    before = np.maximum(after - 1, 0)
+    gap = np.minimum(np.abs(epochs - mine[after]), np.abs(epochs - mine[before]))
+    near: Mask = gap < apart_s
+    return near
 
 
 def _runs(epochs: Array, seen: Mask) -> Array:

@@ -117,7 +117,7 @@ def test_a_visit_of_three_exposures_scores_what_the_mission_with_them_gives(mini
 
 
 def test_visits_of_one_telescope_do_not_overlap(minimal: Mission) -> None:
-    wish = Wish(prediction=NAME, visits=6, exposures=4, spacing_s=1200.0, step_s=HOUR / 2)
+    wish = Wish(prediction=NAME, visits=6, exposures=4, spacing_s=1200.0, step_s=HOUR / 2, end_s=30 * DAY)
     found = plan(minimal, wish)
     for schedule in (*found["greedy"].values(), found["uniform"]):
         assert len(schedule) == 6
@@ -154,8 +154,8 @@ def test_windows_are_the_times_in_which_a_telescope_sees_the_object() -> None:
     found = plan(load_mission("surveyor-venus"), Wish(prediction="encounter", visits=1))
     assert found["never_visible"] == ["V1", "V5", "V6"]
     windows = {row["telescope"]: row["visible_tdb"] for row in found["windows"]}
-    assert windows["V2"] == [["2029-03-22T00:00:00 TDB", "2029-04-06T00:00:00 TDB"]]
-    assert windows["V3"] == [["2029-02-05T00:00:00 TDB", "2029-04-06T00:00:00 TDB"]]
+    assert windows["V2"] == [["2029-03-22T00:00:00 TDB", "2029-04-13T00:00:00 TDB"]]
+    assert windows["V3"] == [["2029-02-05T00:00:00 TDB", "2029-04-13T00:00:00 TDB"]]
 
 
 def test_chosen_visits_beat_even_ones_and_each_helps(minimal: Mission) -> None:
@@ -165,7 +165,7 @@ def test_chosen_visits_beat_even_ones_and_each_helps(minimal: Mission) -> None:
         sigmas += [row["sigma_after"][criterion] for row in found["greedy"][criterion]]
         assert np.all(np.diff(sigmas) < 0.0)
         assert sigmas[-1] < found["uniform"][-1]["sigma_after"][criterion]
-    assert found["n_candidates"] == 62
+    assert found["n_candidates"] == 20  # ten days after the schedule, two telescopes
     assert len({(row["telescope"], row["epoch_tdb"]) for row in found["greedy"]["a"]}) == 6
     assert {row["telescope"] for row in found["uniform"]} == {"ahead", "behind"}
 
@@ -266,3 +266,27 @@ def test_without_a_named_prediction_the_first_encounter_is_improved(minimal_text
     assert wished(f"{head}predictions: [{place}]\n") == "place"
     with pytest.raises(InputError, match="predictions: there is none"):
         wished(head)
+
+
+def test_only_times_not_yet_measured_are_proposed_up_to_the_encounter(minimal_text: str) -> None:
+    """After the schedule, and in the gap of one telescope; nothing after what is predicted."""
+    gap = "like: ahead, orbit: {lead: -10 deg}"
+    duty = "duty: [{start: 2028-03-20T00:00:00 TDB, end: 2028-04-01T00:00:00 TDB}, "
+    duty += "{start: 2028-04-05T12:00:00 TDB, end: 2028-05-20T00:00:00 TDB}]"
+    found = plan(load_mission_text(minimal_text.replace(gap, f"{gap}, {duty}")), Wish(prediction=NAME, visits=1))
+    for curve in found["curves"]:
+        assert curve["epoch_tdb"][0] == "2028-04-20T00:00:00 TDB"
+        assert curve["epoch_tdb"][-1] == "2028-04-29T00:00:00 TDB"
+    again = plan(load_mission_text(minimal_text), Wish(prediction=NAME, visits=1, start_s=28 * DAY, step_s=DAY / 2))
+    for curve in again["curves"]:
+        noon = [epoch for epoch in curve["epoch_tdb"] if epoch < "2028-04-19T12"]
+        assert noon == ["2028-04-17T12:00:00 TDB", "2028-04-18T12:00:00 TDB"]
+
+
+def test_where_all_is_measured_visits_between_are_proposed(minimal_text: str) -> None:
+    text = minimal_text.replace("at: 2028-04-29T00:00:00 TDB", "at: 2028-04-10T00:00:00 TDB")
+    found = plan(load_mission_text(text), Wish(prediction=NAME, visits=1))
+    assert all(epoch.endswith("T12:00:00 TDB") for curve in found["curves"] for epoch in curve["epoch_tdb"])
+    assert found["n_candidates"] == 60
+    with pytest.raises(GeometryError, match="has been measured already; name others with --from"):
+        plan(load_mission_text(text), Wish(prediction=NAME, step_s=DAY))

@@ -31,7 +31,7 @@ def planner(minimal_text: str) -> Planner:
     mission = load_mission_text(minimal_text)
     scene = build_scene(mission)
     priors = prior_table(mission, scene.forces, scene.state)
-    starts = grids(scene, GRID["start_s"], GRID["end_s"], GRID["step_s"])
+    starts, _ = grids(scene, GRID["start_s"], GRID["end_s"], GRID["step_s"])
     offered = candidates(scene, mission.estimators[0], priors, starts)
     asked = quantity(scene, scene.trajectory, mission.predictions[0])
     return Planner(offered, SOLVERS[mission.estimators[0].method], asked)

@@ -238,6 +238,42 @@ def test_one_telescope_against_two_costs_what_two_missions_say(tmp_path: Path, m
     assert [run["telescopes"] for run in found["runs"]] == [["ahead", "behind"], ["ahead"]]
 
 
+def test_the_terminal_leads_with_the_answer(
+    pair: Callable[[Change], tuple[Path, Path]], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Which run knows each prediction best, how much better, and the source that makes the difference."""
+    kept: dict[str, Any] = {}
+
+    def worse(summary: dict[str, Any]) -> None:
+        row = summary["predictions"][0]
+        total = sum(sigma**2 for sigma in row["sigma_km"])
+        bias = next(part for part in row["budget"] if part["source"] == "bias ahead")
+        own = bias["share_total"] * total
+        grown = total + 8.0 * own  # that bias three times as large
+        for part in row["budget"]:
+            part["share_total"] *= total / grown
+        bias["share_total"] *= 9.0
+        row["sigma_km"] = [sigma * (grown / total) ** 0.5 for sigma in row["sigma_km"]]
+        kept.update(name=row["name"], now=total**0.5, then=grown**0.5)
+
+    first, other = pair(worse)
+    assert main(["compare", str(other), str(first)]) == 0
+    leading = capsys.readouterr().out.splitlines()[0]
+    now, then, ratio = (f"{kept['now']:.4g}", f"{kept['then']:.4g}", f"{kept['then'] / kept['now']:.3g}")
+    assert leading == (
+        f"{kept['name']} (position): minimal is best, {now} km (1 sigma); other {then} km, x{ratio}, "
+        "above all by bias ahead"
+    )
+
+
+def test_two_runs_that_say_the_same_are_told_so(
+    pair: Callable[[Change], tuple[Path, Path]], capsys: pytest.CaptureFixture[str]
+) -> None:
+    first, other = pair(lambda summary: None)
+    assert main(["compare", str(first), str(other)]) == 0
+    assert capsys.readouterr().out.startswith("ten days later (position): the same in all, ")
+
+
 def test_many_telescopes_are_told_by_the_first_few_and_many_sources_by_the_largest() -> None:
     stations = [f"S{k:02d}" for k in range(40)]
     assert listed(stations) == "S00, S01, S02 and 37 others"
