@@ -385,7 +385,7 @@
     const text = size >= 1e6 || size < 1e-3 ? v.toExponential(digits - 1).replace("e+", "e").replace("e", " × 10^") : Number(v.toPrecision(digits)).toString();
     return text.replace("-", "−");
   };
-  const value = (v, unit) => { const e = make("data", { value: v }); e.textContent = unit ? `${number(v)} ${unit}` : number(v); return e; };
+  const value = (v, unit, digits = 4) => { const e = make("data", { value: v }); e.textContent = unit ? `${number(v, digits)} ${unit}` : number(v, digits); return e; };
   const now = () => ({
     size: model.sources.map(() => 1),
     block: Object.fromEntries(model.blocks.map(block => [block.name, block.treatment])),
@@ -405,12 +405,13 @@
   }
   const reset = make("button", { type: "button" }, "as the mission says");
   const controls = [];
+  const written = v => { const w = Number(v.toPrecision(4)); return w !== 0 && (w >= 1e6 || w < 1e-4) ? w.toExponential() : String(w); };
   const rows = model.sources.map((source, i) => {
     const slider = make("input", { type: "range", min: -HALF, max: HALF, step: 0.01, "aria-label": `${source.name}: size`, "data-source": source.name });
     const field = make("input", { type: "number", min: 0, step: "any", "aria-label": `${source.name}: ${source.size ? "sigma, " + source.size.unit : "times as large"}`, "data-source": source.name });
     const unit = source.size ? source.size.sigma : 1, smallest = source.kind === "noise" ? 1e-6 : 0;
     const put = () => {
-      if (document.activeElement !== field) field.value = Number((unit * set.size[i]).toPrecision(4));
+      if (document.activeElement !== field) field.value = written(unit * set.size[i]);
       if (document.activeElement !== slider) slider.value = set.size[i] > 0 ? Math.log10(set.size[i]) : -HALF;
     };
     slider.addEventListener("input", () => { set.size[i] = 10 ** Number(slider.value); put(); later(); });
@@ -438,7 +439,7 @@
     }
     const share = make("td", { class: "r" });
     controls.push(put);
-    return { share, row: make("tr", {}, make("th", { scope: "row" }, source.name), make("td", {}, slider),
+    return { share, row: make("tr", {}, make("th", { scope: "row" }, make("span", {}, source.name), slider),
       make("td", { class: "size" }, source.size ? "" : "× ", field, source.size ? ` ${source.size.unit}` : ""), choices, share) };
   });
   const loose = model.reason ? [] : model.blocks.filter(block => !block.prior && block.name !== "state");
@@ -447,10 +448,10 @@
     for (const option of ["estimated", "fixed"]) list.append(make("option", { value: option }, option));
     list.addEventListener("change", () => { set.block[block.name] = list.value; later(); });
     controls.push(() => { list.value = set.block[block.name]; list.disabled = way === "held"; });
-    rows.push({ share: null, row: make("tr", {}, make("th", { scope: "row" }, block.name), make("td"), make("td", { class: "size" }, "no prior"), make("td", {}, list), make("td")) });
+    rows.push({ share: null, row: make("tr", {}, make("th", { scope: "row" }, block.name), make("td", { class: "size" }, "no prior"), make("td", {}, list), make("td")) });
   }
   const shareHead = make("th", { scope: "col", class: "r" });
-  const sources = make("table", { class: "sliders" }, make("thead", {}, make("tr", {}, ...["source", "size", "sigma"].map(text => make("th", { scope: "col" }, text)), make("th", { scope: "col" }, "treatment"), shareHead)),
+  const sources = make("table", { class: "sliders" }, make("thead", {}, make("tr", {}, ...["source", "sigma"].map(text => make("th", { scope: "col" }, text)), make("th", { scope: "col" }, "treatment"), shareHead)),
     make("tbody", {}, ...rows.map(one => one.row)));
   const answers = model.predictions.map((prediction, k) => {
     const cells = { now: make("td", { class: "r" }), then: make("td", { class: "r" }), ratio: make("td", { class: "r" }), axes: make("td") };
@@ -461,9 +462,10 @@
       pick.addEventListener("change", () => { chosen = k; update(); });
       head.append(make("label", {}, pick, ` ${prediction.name}`));
     } else head.append(prediction.name);
-    return { ...cells, row: make("tr", { "data-prediction": prediction.name }, head, make("td", {}, prediction.plane), cells.now, cells.then, cells.ratio, cells.axes) };
+    head.title = prediction.plane;
+    return { ...cells, row: make("tr", { "data-prediction": prediction.name }, head, cells.now, cells.then, cells.ratio, cells.axes) };
   });
-  const outcome = make("table", { class: "outcome" }, make("thead", {}, make("tr", {}, ...["prediction", "plane"].map(t => make("th", { scope: "col" }, t)),
+  const outcome = make("table", { class: "outcome" }, make("thead", {}, make("tr", {}, make("th", { scope: "col" }, "prediction"),
     ...["now, total 1σ", "what if", "ratio"].map(t => make("th", { scope: "col", class: "r" }, t)), make("th", { scope: "col" }, "semi-axes, 1σ"))), make("tbody", {}, ...answers.map(one => one.row)));
   const said = make("p", { class: "what-if-said", role: "status" });
   const picture = make("figure"), caption = make("figcaption");
@@ -481,6 +483,7 @@
     }
     svg.append(draw("path", { d: path.join(""), ...attributes }));
   };
+  const percent = part => part === 0 ? "0 %" : part < 1e-4 ? "< 0.01 %" : `${(100 * part).toPrecision(part < 0.1 ? 2 : 3)} %`;
   const show = found => {
     const prediction = model.predictions[chosen], was = first[chosen], is = found[chosen];
     svg.replaceChildren();
@@ -495,7 +498,7 @@
     const words = [[24 + length * scale + 4, 232, "start", `${number(length)} ${prediction.unit}`], [284, 114, "start", prediction.axes[0]], [164, 14, "start", prediction.axes[1]]];
     for (const [x, y, anchor, text] of words) { const t = draw("text", { x, y, "text-anchor": anchor }); t.textContent = text; svg.append(t); }
     svg.setAttribute("aria-label", `Ellipse of ${prediction.name} now and what if`);
-    caption.textContent = `1σ ellipse of ${prediction.name}: dashed now, ${was.axes.map(a => number(a, 3)).join(" × ")} ${prediction.unit}; blue what if, ${is.axes.map(a => number(a, 3)).join(" × ")} ${prediction.unit}.`;
+    caption.textContent = `1σ ellipse of ${prediction.name} (${prediction.plane}): dashed now, ${was.axes.map(a => number(a, 3)).join(" × ")} ${prediction.unit}; blue what if, ${is.axes.map(a => number(a, 3)).join(" × ")} ${prediction.unit}.`;
   };
   function update() {
     asked = 0;
@@ -517,10 +520,10 @@
       cells.then.replaceChildren(value(is.total, unit));
       cells.ratio.textContent = `× ${number(is.total / first[k].total, 3)}`;
       cells.axes.replaceChildren(...is.axes.flatMap((a, i) => i ? [" × ", value(a, i === is.axes.length - 1 ? unit : "")] : [value(a, is.axes.length === 1 ? unit : "")]));
-      if (is.angle !== null) cells.axes.append(" at ", value(is.angle, "deg"));
+      if (is.angle !== null) cells.axes.append(" at ", value(is.angle, "deg", 3));
     });
     const all = found[chosen].total ** 2;
-    rows.forEach((one, i) => { if (one.share) one.share.textContent = all > 0 ? `${(100 * found[chosen].shares[i] / all).toPrecision(3)} %` : "0 %"; });
+    rows.forEach((one, i) => { if (one.share) one.share.textContent = percent(all > 0 ? found[chosen].shares[i] / all : 0); });
     const changed = model.sources.some((_, i) => set.size[i] !== 1) || JSON.stringify([set.block, set.nuisance]) !== JSON.stringify([now().block, now().nuisance]);
     const k = chosen, unit = model.predictions[k].unit;
     said.textContent = changed ? `${model.predictions[k].name}: ${number(first[k].total, 3)} → ${number(found[k].total, 3)} ${unit} total 1σ, ${way === "held" ? "gain as it is" : "re-optimised"}.` : `As the mission says: ${model.predictions[k].name} ${number(first[k].total, 3)} ${unit} total 1σ.`;

@@ -25,11 +25,13 @@ def test_the_first_line_says_whether_an_earlier_orbit_was_used(tmp_path: Path, p
     assert said in out.getvalue()
     first = summary["predictions"][0]
     total = sum(sigma**2 for sigma in first["sigma_km"]) ** 0.5
-    assert f"What is to blame for ten days later (position) by batch: total sigma {total:.3g} km" in out.getvalue()
+    title = f"What is to blame for ten days later (position) by batch: total sigma {total:.3g} km"
+    assert title in " ".join(out.getvalue().split())
     leading = max(first["budget"], key=lambda row: float(row["share_total"]))
     line = next(line for line in out.getvalue().splitlines() if line.strip().startswith(leading["source"]))
     left = leading["if_vanished"]["sigma_total_km_new_gain"]
     assert line.split()[-3:] == ["%", f"{leading['sigma_total_km']:#.3g}".rstrip("."), f"{left:#.3g}".rstrip(".")]
     alone = io.StringIO()
     print_answer({**summary, "predictions": []}, tmp_path, Console(file=alone, width=120))
-    assert "What is to blame for the position sigma of batch at the reference epoch" in alone.getvalue()
+    title = "What is to blame for the position sigma of batch at the reference epoch"
+    assert title in " ".join(alone.getvalue().split())

@@ -245,7 +245,7 @@ def test_the_command_prints_advice_and_writes_json(tmp_path: Path, capsys: pytes
     path = tmp_path / "plan.json"
     assert main(["plan", "minimal", "-p", NAME, "-k", "2", "-o", str(path)]) == 0
     out = capsys.readouterr().out
-    assert "measure next with ahead at 2028-04-19T00:00:00 TDB" in out
+    assert "measure next with ahead at 2028-04-29T00:00:00 TDB" in out
     assert "…" not in out
     assert main(["plan", "minimal", "-p", NAME, "-k", "2", "--json"]) == 0
     stored: dict[str, Any] = json.loads(path.read_text("utf-8"))
