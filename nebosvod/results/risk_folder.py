@@ -25,7 +25,6 @@ from nebosvod.timescale import SECONDS_PER_DAY
 
 KIND = "risk"
 DESCRIPTION = "Virtual impactors: body, time, probability of the recommended way with its 95 % interval, scales"
-WIDE = 0.1  # of the distance from the Sun: a position known no better than this
 YEAR_S = 365.25 * SECONDS_PER_DAY
 Row = dict[str, Any]
 Arrays = dict[str, npt.NDArray[Any]]
@@ -191,12 +190,6 @@ def _warnings(orbit: UncertainOrbit, found: Risk, bodies: list[str]) -> list[str
         said.append(
             f"{len(cloud.lost)} of {len(cloud)} drawn orbits could not be flown to the end and count as no hit (the "
             f"first: {first})"
-        )
-    if orbit.sigma_position_km > WIDE * float(np.linalg.norm(orbit.state[:3])):
-        said.append(
-            f"the position is known to {orbit.sigma_position_km:.3g} km, no small part of the orbit: its region is not "
-            "the ellipsoid that the covariance draws, and no probability from it is to be believed; begin with the "
-            "observations (nebosvod fit, nebosvod alert) or with an epoch amid them"
         )
     other = sorted(set(cloud.body.tolist()) - {"", *bodies})
     if other:

@@ -1,5 +1,6 @@
 """An orbit with its covariance by a path or a name: what `orbits` reads, or the prior of a mission."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ from nebosvod.scene.prior import STATE_NAMES, PriorTable, prior_table
 from nebosvod.scene.scene import force_model, load_ephemeris, require_epochs, state_at
 
 Array = npt.NDArray[np.float64]
+WIDE = 0.1  # of the distance from the Sun: a position known no better
 MISSION_NAMES = (".yaml", ".yml")
 
 
@@ -41,10 +43,22 @@ def read_orbit(path: str | Path) -> UncertainOrbit:
         return mission_orbit(load_mission(path))
     orbit = read_orbit_file(file)
     if orbit is not None:
-        return orbit
+        return _cautioned(orbit)
     if file.suffix.lower() not in MISSION_NAMES:
         raise InputError(f"{shown(str(path))}: holds no orbit that is read; an orbit is {KNOWN}, or a mission (.yaml)")
     return mission_orbit(load_mission(file))
+
+
+def _cautioned(orbit: UncertainOrbit) -> UncertainOrbit:
+    """With a notice where the position is known to no small part of the orbit."""
+    if orbit.sigma_position_km <= WIDE * float(np.linalg.norm(orbit.state[:3])):
+        return orbit
+    said = (
+        f"the position is known to {orbit.sigma_position_km:.3g} km, no small part of the orbit: its region is not the "
+        "ellipsoid that the covariance draws, and no sigma, approach or probability from it is to be believed; begin "
+        "with the observations (nebosvod fit, nebosvod alert) or with an epoch amid them"
+    )
+    return replace(orbit, notices=(*orbit.notices, said))
 
 
 def mission_orbit(mission: Mission) -> UncertainOrbit:
