@@ -263,7 +263,7 @@ def _ellipses(panel: Panel, view: TargetView, factor: float, box: Box) -> list[E
         dashed: dict[str, Any] = {"stroke": VERMILION, "stroke_width": 1.1, "stroke_dasharray": "3 5"}
         for level in LEVELS:
             panel.line(*(factor * (view.centre + outline(view.formal, level)).T), **dashed)
-        entries.append(("line", "formal", dashed))
+        entries.append(("line", "reported by the estimator", dashed))
     return entries
 
 

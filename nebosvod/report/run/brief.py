@@ -21,7 +21,8 @@ def accuracy(run: RunFolder, main: Item) -> Markup:
     )  # fmt: skip
     every = leading(run, main)
     if not every:
-        return Markup("No prediction was asked for; {} (1σ).").format(orbit)
+        none = "No prediction has an answer" if run.unanswered else "No prediction was asked for"
+        return Markup("{}; {} (1σ).").format(none, orbit)
     first, unit = every[0], unit_of(every[0])
     axes = first[f"semi_axes_{unit}"]
     text = Markup("<b>{}</b> {} at 1σ, {} at 3σ ({}{}% inside)").format(
@@ -96,7 +97,7 @@ def _linear(run: RunFolder, main: Item) -> Markup | str:
     if found.get("misleads"):
         return "the linear ellipse misleads"
     measure = found.get("measure")
-    return f"the departure from linear is {number(measure)}σ" if measure is not None else ""
+    return f"the departure from linear is {number(measure, 2)}σ" if measure is not None else ""
 
 
 def chi2_interval(dof: int) -> tuple[float, float]:

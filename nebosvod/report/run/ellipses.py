@@ -19,7 +19,7 @@ from nebosvod.report.kit.wording import NBSP, TIMES, number, percent, product, q
 from nebosvod.results.folder import Array, Item, RunFolder
 from nebosvod.results.outlook import unit_of
 
-SLENDER = 12.0  # axis ratio above which an ellipse at true scale is a line, and is drawn along its own axes instead
+SLENDER = 40.0  # axis ratio above which an ellipse at true scale is a line, and is drawn along its own axes instead
 LEVELS = ((1, "39.3"), (2, "86.5"), (3, "98.9"))  # 1 - exp(-lambda^2/2), per cent
 ROOM = 1.12  # half width of the picture in units of the 3 sigma ellipse
 SIDE, LEFT = 270.0, 58.0  # of the picture, px
@@ -128,9 +128,11 @@ def _draw(panel: Panel, K: Array, formal: Array | None, points: Array | None) ->
 
 def _legend(chart: Chart, formal: bool, points: bool) -> None:
     """What the lines and dots are."""
-    entries: list[tuple[str, str, dict[str, Any]]] = [("line", "true 1, 2, 3σ", {"stroke": BLUE, "stroke_width": 2.0})]
+    entries: list[tuple[str, str, dict[str, Any]]] = [
+        ("line", "realistic 1, 2, 3σ", {"stroke": BLUE, "stroke_width": 2.0})
+    ]
     if formal:
-        entries.append(("line", "formal", {"stroke": VERMILION, "stroke_width": 1.1, "stroke_dasharray": "3 5"}))
+        entries.append(("line", "reported", {"stroke": VERMILION, "stroke_width": 1.1, "stroke_dasharray": "3 5"}))
     if points:
         entries.append(("o", "drawn orbits", {"color": INK, "size": 3.0}))
     chart.height = chart.legend(entries, chart.height - 34.0, LEFT - 4.0) - 4.0
@@ -197,10 +199,10 @@ def _formal(K: Array, formal: Array) -> Markup:
     whitened = np.linalg.solve(L, np.linalg.solve(L, K).T)
     worst = math.sqrt(float(np.linalg.eigvalsh(0.5 * (whitened + whitened.T))[-1]))
     if abs(worst - 1.0) < 0.01 and abs(math.sqrt(believed / det) - 1.0) < 0.01:
-        return Markup("The formal ellipse (dashed) coincides with the true one.")
+        return Markup("The reported (formal) ellipse, dashed, coincides with the realistic one.")
     return Markup(
-        "The formal ellipse (dashed) has {} of the true area; in the worst direction the true "
-        "sigma is {}{} the formal one."
+        "The reported (formal) ellipse, dashed, has {} of the realistic area; in the worst direction the realistic "
+        "sigma is {}{} the reported one."
     ).format(percent(math.sqrt(believed / det)), quantity(worst), f"{NBSP}{TIMES}")
 
 

@@ -20,6 +20,7 @@ from nebosvod.timescale import Epoch
 
 GM_SUN_KM3_S2 = 1.32712440041e11  # DE440; for the shape of an orbit in a picture
 SIGHT_LINES = 7
+CLOSE_AU = 0.06  # encounters nearer to each other cannot be told apart
 FAR = 1.7  # an orbit that reaches so many times farther than all the rest is cut at the edge
 TRACK: dict[str, Any] = {"stroke": BLUE, "stroke_width": 2.4}
 ORBIT: dict[str, Any] = {"stroke": BLUE, "stroke_width": 0.9, "stroke_dasharray": "5 3"}
@@ -129,7 +130,14 @@ def _encounters(run: RunFolder) -> list[tuple[str, str, Array]]:
             said = when[:10] if body == "earth" else f"{_the(body)}, {when[:10]}"
             at = planets.place(body, Epoch.parse(when).jd_tdb)
             found.setdefault((body, when[:10]), (body, said, at))
-    return list(found.values())
+    apart: list[tuple[str, str, Array]] = []
+    for body, said, at in found.values():
+        k = next((k for k, one in enumerate(apart) if np.linalg.norm(one[2] - at) < CLOSE_AU), None)
+        if k is None:
+            apart.append((body, said, at))
+        else:  # at one spot of the picture: one mark for both
+            apart[k] = (apart[k][0], f"{apart[k][1]}; {said}", apart[k][2])
+    return apart
 
 
 def _osculating(run: RunFolder, limit_au: float) -> Array | None:

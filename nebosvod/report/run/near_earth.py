@@ -78,7 +78,8 @@ def _surroundings(half: float, factor: float) -> list[Thing]:
     if 1.1 * half > LAGRANGE_KM:
         for side, name in ((-1.0, "L1"), (1.0, "L2")):
             at = np.array([[side * LAGRANGE_KM * factor, 0.0, 0.0]])
-            things.append(Marks(name="", points=at, marker="P", look={"color": INK}, text=name))
+            shown = name if 0.4 * half < LAGRANGE_KM else ""
+            things.append(Marks(name="", points=at, marker="P", look={"color": INK}, text=shown))
     return things
 
 

@@ -49,6 +49,7 @@ def make_report(folder: Path) -> str:
     main = run.main
     books = ledger.ledgers(run, main) if main else []
     compared, accuracies = trust.five(run, main) if main else ("", [])
+    pictures = _pictures(run, main, visibility.read_visibility(Path(folder)))
     return render(
         "report.html",
         kind="Accuracy report",
@@ -64,8 +65,8 @@ def make_report(folder: Path) -> str:
         looks={e.source: sources.look(e.source, run.telescopes, e.behind) for book in books for e in book.entries},
         compared=compared,
         accuracies=accuracies,
-        pictures=_pictures(run, main, visibility.read_visibility(Path(folder))),
-        plates=_plates(run, main, books),
+        pictures=pictures,
+        plates=_plates(run, main, books, {plate.key for group in pictures for plate in group}),
         tables=_tables(run, main),
         kappa=physical.kappa_sentence(run, main) if main else None,
         helps=[s for s in (advice.plan_sentence(run),) if s],
@@ -88,6 +89,8 @@ def _verdict(run: RunFolder, main: Item | None) -> Verdict:
 def _pictures(run: RunFolder, main: Item | None, columns: visibility.Columns | None) -> list[list[Plate]]:
     """What a reader sees before reading: where everything was, what is aimed at, how it came; each with its kind."""
     planes, maps = encounters.encounter_plates(run, main) if main else ([], [])
+    if main and not planes and not maps:  # nothing to aim at: where the first prediction has it
+        planes = ellipses.prediction_plates(run, main)[:1]
     groups: list[list[Plate | None]] = [
         [geometry.geometry_plate(run)], [*planes], [*maps], [timeline.timeline_plate(run, columns)],
     ]  # fmt: skip
@@ -95,8 +98,8 @@ def _pictures(run: RunFolder, main: Item | None, columns: visibility.Columns | N
     return [group for group in kept if group]
 
 
-def _plates(run: RunFolder, main: Item | None, books: list[ledger.Ledger]) -> dict[str, list[Plate]]:
-    """All further figures of the run by section of the page."""
+def _plates(run: RunFolder, main: Item | None, books: list[ledger.Ledger], shown: set[str]) -> dict[str, list[Plate]]:
+    """All figures of the run by section of the page, but those that are shown already."""
     of_main = main is not None
     made: dict[str, list[Plate | None]] = {
         "prediction": [*ellipses.prediction_plates(run, main)] if main else [],
@@ -110,7 +113,7 @@ def _plates(run: RunFolder, main: Item | None, books: list[ledger.Ledger]) -> di
         "viewing": [viewing.viewing(run)],
         "residuals": [figures.residuals(run, main)] if main else [],
     }
-    return {section: [p for p in plates if p is not None] for section, plates in made.items()}
+    return {section: [p for p in plates if p is not None and p.key not in shown] for section, plates in made.items()}
 
 
 def _tables(run: RunFolder, main: Item | None) -> dict[str, tables.Table | None]:

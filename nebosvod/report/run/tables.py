@@ -304,16 +304,17 @@ def estimator_table(run: RunFolder) -> Table:
             quantity(reduced), quantity(e.get("condition_number"), "", 2), _treatment(e),
         ))  # fmt: skip
     return Table(
-        caption="Estimators (1σ, root trace; true sigma = what the error really is under the mission's error model)",
+        caption="Estimators (1σ, root trace): realistic sigma, what the error is under the mission's error model, "
+        "against the reported one, what the estimator believes",
         head=(
             "estimator",
             "method",
             "status",
             "iterations",
-            "position, true",
-            "position, formal",
-            "true / formal",
-            "velocity, true",
+            "position, realistic",
+            "position, reported",
+            Markup("realistic /<br>reported"),
+            "velocity, realistic",
             "χ² per dof",
             "condition number",
             "not estimated",

@@ -18,7 +18,7 @@ from nebosvod.results.folder import Item, RunFolder
 from nebosvod.results.outlook import unit_of
 
 KINDS = ("formal", "extended", "worst_correlation", "guaranteed", "monte_carlo")
-TITLES = {"formal": "formal", "extended": "extended (true)", "worst_correlation": "worst correlation",
+TITLES = {"formal": "reported (formal)", "extended": "realistic (extended)", "worst_correlation": "worst correlation",
           "guaranteed": "guaranteed bound", "monte_carlo": "Monte Carlo"}  # fmt: skip
 LOOKS: dict[str, tuple[str, dict[str, Any]]] = {
     "guaranteed": ("s", {"color": VERMILION, "size": 6.0}), "worst_correlation": ("^", {"color": PURPLE}),
@@ -61,6 +61,7 @@ def five(run: RunFolder, estimator: Item) -> tuple[str, list[Accuracy]]:
     for kind in KINDS:
         value, reason = row.get(kind), row.get(f"{kind}_reason")
         shown = quantity(value, row["unit"]) if finite(value) else Markup("none")
+        shown = Markup("≤ {}").format(shown) if kind == "guaranteed" and finite(value) else shown  # a bound, no sigma
         text = meaning.get(kind, "") if finite(value) or not reason else f"None here: {reason}."
         found.append(Accuracy(name=TITLES[kind], value=shown, meaning=text))
     return component_name(run, estimator, row), found
@@ -75,7 +76,7 @@ def comparison_plate(run: RunFolder, estimator: Item) -> Plate | None:
     values = [v for one in ratio for v in one.values()]
     high = 21.0 * len(rows)
     chart = Chart("accuracies", height=0.0)
-    x = logarithmic([*values, 0.9, 1.2], "times the extended sigma")
+    x = logarithmic([*values, 0.9, 1.2], "times the realistic sigma")
     panel = chart.panel(x, named([component_name(run, estimator, row) for row in rows]), top=6.0, bottom=6.0 + high)
     panel.upright(1.0, stroke=INK, stroke_width=0.9)
     panel.open()
@@ -106,7 +107,7 @@ def _comparison_caption(rows: list[Item], ratio: list[dict[str, float]]) -> Mark
     if formal:
         low = min(formal)
         parts.append(
-            Markup("Formal and extended accuracy agree within 1{}%").format(NBSP) if _near_one(formal)
+            Markup("Reported and realistic sigma agree within 1{}%").format(NBSP) if _near_one(formal)
             else Markup("The estimator's own sigma is as small as {} of the extended one").format(percent(low))
         )  # fmt: skip
     for kind, text in (("worst_correlation", "noise correlated in time could make it {} times worse"),
@@ -156,8 +157,8 @@ def comparison_table(run: RunFolder, estimator: Item) -> Table | None:
         caption=Markup(
             "Five accuracies of every predicted component (1σ; guaranteed: the largest error if none exceeds {}σ)"
         ).format(number(level, 1)),
-        head=("component", "formal", "extended", "worst correlation", "any correlation", "guaranteed bound",
-              "Monte Carlo, 99 %", "how they agree"),
+        head=("component", "reported sigma", "realistic sigma", "worst correlation", "any correlation",
+              "guaranteed bound", "Monte Carlo, 99 %", "how they agree"),
         align="lrrrrrrw", rows=tuple(rows),
     )  # fmt: skip
 

@@ -34,8 +34,10 @@ def test_outline_of_a_singular_covariance_is_a_segment() -> None:
     assert np.abs(points[:, 0]).max() == pytest.approx(2.0, rel=1e-6)
 
 
-@pytest.mark.parametrize(("minor", "along"), [(1.0, False), (0.05, True)])
-def test_a_slender_ellipse_is_drawn_along_its_own_axes(run: RunFolder, minor: float, along: bool) -> None:
+@pytest.mark.parametrize(("minor", "along"), [(1.0, False), (0.125, False), (0.02, True)])
+def test_an_ellipse_of_16_to_1_looks_like_one_and_a_line_is_drawn_along_its_axes(
+    run: RunFolder, minor: float, along: bool
+) -> None:
     vectors = np.array([[0.6, -0.8], [0.8, 0.6]])
     covariance = (vectors * np.array([4.0, minor**2])) @ vectors.T
     prediction = {
@@ -50,7 +52,7 @@ def test_a_slender_ellipse_is_drawn_along_its_own_axes(run: RunFolder, minor: fl
     assert ("ξ, km" in drawn.svg) is not along
     said = drawn.caption.striptags()
     assert ("Drawn along its own axes" in said) is along
-    assert "25 % of the true area; in the worst direction the true sigma is 2.00" in said
+    assert "25 % of the realistic area; in the worst direction the realistic sigma is 2.00" in said
 
 
 def test_a_target_plane_shows_every_drawn_orbit_by_its_fate_and_a_far_body_not_at_all(run: RunFolder) -> None:
