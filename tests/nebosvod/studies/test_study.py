@@ -120,19 +120,35 @@ def test_bytes_do_not_depend_on_workers_or_interruptions(place: Path, done: Path
     assert not list(folder.rglob("*.partial"))
 
 
+def test_bytes_do_not_depend_on_the_number_of_workers(place: Path, done: Path, tmp_path: Path) -> None:
+    for count in (2, 3):
+        run_study(load_study(place / "study.yaml"), tmp_path / f"{count}", workers=Workers(count=count))
+        for name in ("study.json", "results.ecsv", "chunks/000003.npz"):
+            assert (tmp_path / f"{count}" / name).read_bytes() == (done / name).read_bytes(), (count, name)
+
+
 @pytest.mark.long
 def test_kill_at_twenty_random_times_and_resume(place: Path, done: Path, tmp_path: Path) -> None:
-    rng = np.random.default_rng(7)
+    """Killed at a random part of the time that a whole run takes, again and again, until it comes to its end."""
+    command = [sys.executable, "-m", "nebosvod", "study", str(place / "study.yaml"), "--workers", "2", "-o"]
+    quiet: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    began = time.monotonic()
+    subprocess.run([*command, str(tmp_path / "whole")], check=True, **quiet)
+    whole_s, rng, folder = time.monotonic() - began, np.random.default_rng(7), tmp_path / "0"
     for number in range(20):
-        folder = tmp_path / f"{number}"
-        command = [sys.executable, "-m", "nebosvod", "study", str(place / "study.yaml"), "-o", str(folder)]
-        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        time.sleep(float(rng.uniform(0.3, 4.0)))
-        process.send_signal(signal.SIGKILL)
-        process.wait(timeout=30)
-        assert subprocess.run(command, check=False, capture_output=True).returncode == 0
-        assert (folder / "results.ecsv").read_bytes() == (done / "results.ecsv").read_bytes()
-        assert (folder / "study.json").read_bytes() == (done / "study.json").read_bytes()
+        process = subprocess.Popen([*command, str(folder)], **quiet)
+        try:
+            process.wait(timeout=float(rng.uniform(0.1, 1.1)) * whole_s)
+        except subprocess.TimeoutExpired:
+            process.send_signal(signal.SIGKILL)
+            process.wait(timeout=30)
+            continue
+        assert process.returncode == 0
+        folder = tmp_path / f"{number + 1}"
+    subprocess.run([*command, str(folder)], check=True, **quiet)
+    for other in sorted(tmp_path.iterdir()):
+        for name in ("results.ecsv", "study.json"):
+            assert (other / name).read_bytes() == (done / name).read_bytes(), (other.name, name)
 
 
 def test_a_point_that_fails_is_a_row_with_its_message_and_the_study_goes_on(

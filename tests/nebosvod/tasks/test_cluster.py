@@ -12,6 +12,8 @@ import pytest
 
 from nebosvod.errors import GeometryError, InputError, WorkerError
 from nebosvod.mission import Mission
+from nebosvod.studies.question import load_study_text
+from nebosvod.studies.study import run_study
 from nebosvod.studies.validation import validate
 from nebosvod.tasks import cluster
 from nebosvod.tasks.cluster import slurm_cluster
@@ -93,6 +95,18 @@ def test_a_campaign_has_the_same_bytes_from_dask(scheduler: str, minimal: Missio
     validate(minimal, tmp_path / "dask", runs=100, workers=Workers(scheduler=scheduler))
     for name in ("validation.json", "chunks/000000.npz", "chunks/000001.npz"):
         assert (tmp_path / "local" / name).read_bytes() == (tmp_path / "dask" / name).read_bytes()
+
+
+def test_a_study_has_the_same_bytes_from_dask(scheduler: str, tmp_path: Path) -> None:
+    study = load_study_text(
+        "schema_version: 1\nstudy: dask\nmission: minimal\n"
+        "vary: {noise: {set: telescopes.*.noise.sigma, values: [0.1 arcsec, 0.2 arcsec, 0.4 arcsec, 0.8 arcsec]}}\n"
+        "answer: [{name: later, of: predictions.ten days later.semi_axes_km.0}, {name: blame, of: state.budget}]\n"
+    )
+    for name, workers in (("local", Workers(count=1)), ("dask", Workers(scheduler=scheduler))):
+        run_study(study, tmp_path / name, workers=workers)
+    for name in ("study.json", "results.ecsv", "chunks/000000.npz", "chunks/000003.npz"):
+        assert (tmp_path / "local" / name).read_bytes() == (tmp_path / "dask" / name).read_bytes(), name
 
 
 def test_a_local_cluster_of_dask_serves(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
