@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from nebosvod.dynamics import Ephemeris
+from nebosvod.errors import InputError
 from nebosvod.mission import Mission
 from nebosvod.mission.fields import epoch_text
 from nebosvod.mission.yaml.yamlfile import Tree
@@ -89,6 +90,8 @@ def _drawn(file: Path | None, block: ImpactorsBlock) -> DrawnObjects:
         largest_m=block.largest,
         seed=block.seed,
     )
+    if file is not None and not file.exists():
+        raise InputError(f"{file}: no such file; {PUBLISHED} is the published distribution that comes with the program")
     orbits = published_orbits() if file is None else orbits_of(read_catalogue(file))
     return DrawnObjects(orbits, drawn, Ephemeris.load())
 

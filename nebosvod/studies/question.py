@@ -5,11 +5,9 @@ It is read like a mission: strictly, and with everything that is wrong at its li
 
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
-from functools import cache
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +23,7 @@ from nebosvod.mission.yaml.yamlfile import Problem, Tree, YamlFile, parse_yaml, 
 from nebosvod.scene.sharing import Shared
 from nebosvod.studies.answers import Asked, read_answer
 from nebosvod.studies.axes import Axis, in_unit, read_axis
+from nebosvod.studies.builtin import study_path
 from nebosvod.studies.file import AxisBlock, ObjectsBlock, StudyFile
 from nebosvod.studies.near_earth import PUBLISHED
 from nebosvod.studies.objects import Objects, file_of, read_objects
@@ -160,22 +159,8 @@ def load_study(path: str | Path) -> Study:
     InputError
         With one line for each thing that is wrong, `file:line:col: field: what; hint`, in the order of the file.
     """
-    file = Path(path)
-    if str(path) in builtin_studies() and not file.exists():
-        file = _folder() / f"{path}.yaml"
+    file = study_path(path)
     return load_study_text(read_text(file), shown(str(path)), file)
-
-
-def _folder() -> Path:
-    """Where the built-in studies are installed."""
-    return Path(str(files("nebosvod.scenarios.studies")))
-
-
-@cache
-def builtin_studies() -> tuple[str, ...]:
-    """Names of the built-in studies, sorted; the missions beside them are what they vary."""
-    texts = {path.stem: path.read_text("utf-8") for path in _folder().glob("*.yaml")}
-    return tuple(sorted(name for name, text in texts.items() if "\nstudy:" in text))
 
 
 def load_study_text(text: str, name: str = "study", path: Path | None = None) -> Study:
@@ -297,6 +282,14 @@ class _Reading:
         except InputError as error:
             self._say(place, str(error))
             return None
+        end = max(arc.end for arc in mission.schedule)
+        if found.drawn is not None and block.move is not False and end > mission.object.orbit.epoch:
+            self._say(
+                ("mission",),
+                f"its schedule ends {end}, after the epoch of its orbit ({mission.object.orbit.epoch}), which moves to "
+                "each fall with it; give it an orbit of kind impact, at a time after the schedule",
+            )
+            return None
         if not found.axis.values:
             self._say(place, f"{file}: holds no objects")
             return None
@@ -369,7 +362,19 @@ class _Reading:
             if one.before is None:
                 yield asked
                 continue
+            self._require_known(number, one.before, mission)
             yield from (asked.before(duration_s, text) for duration_s, text in one.before)
+
+    def _require_known(self, number: int, times: Sequence[tuple[float, str]], mission: Mission) -> None:
+        """Refuse a time before the schedule begins: the columns would be empty."""
+        epoch, start = mission.object.orbit.epoch, min(arc.start for arc in mission.schedule)
+        early = [text for duration_s, text in times if epoch - start < duration_s]
+        if early:
+            self._say(
+                ("answer", number, "before"),
+                f"nothing is measured until {early[0]} before the epoch of the orbit ({epoch}): the schedule begins at "
+                f"{start}; say the time before a fall, with an orbit of kind impact",
+            )
 
     def _warning(self, answers: tuple[Asked, ...]) -> Alarm | None:
         block = self.block.warning

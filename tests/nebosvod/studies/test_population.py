@@ -19,11 +19,14 @@ from nebosvod.errors import ImpactError, InputError
 from nebosvod.mission.fields import epoch_text
 from nebosvod.scene.prior import STATE_NAMES, prior_table
 from nebosvod.scene.scene import build_scene
+from nebosvod.studies.builtin import builtin_studies
 from nebosvod.studies.point import evaluate
 from nebosvod.studies.population import clustered, interval
-from nebosvod.studies.question import builtin_studies, load_study, load_study_text
+from nebosvod.studies.question import load_study, load_study_text
 from nebosvod.studies.sampled import corridor_km, fall, impact_probability
 from nebosvod.studies.stored import load_table
+from nebosvod.studies.study import run_study
+from nebosvod.tasks.engine import Workers
 
 SCHEMA = json.loads((Path(nebosvod.__file__).parent / "studies" / "study.schema.json").read_text("utf-8"))
 WATCHES = Path(str(files("nebosvod.scenarios.studies")))
@@ -175,11 +178,54 @@ def test_built_in_studies_are_read_by_name(name: str) -> None:
         ("[1 d, 4 h]", "[1 d, 0 d]", r"answer\[0\]\.before: needs a duration above 0"),
         ("[1 d, 4 h]", "[1 d, 24 h]", r"answer\[0\]\.before: has a time twice"),
         ("[1 d, 4 h]", "[1 km]", r"answer\[0\]\.before: needs a duration above 0"),
+        ("[1 d, 4 h]", "[1 d, 10 d]", None),
+        ("[1 d, 4 h]", "[1 d, 11 d]", r"answer\[0\]\.before: nothing is measured until 11 d before"),
+        ("impactors: {n: 6", "impactors: {orbits: granvik-2019, n: 6", r"no such file; granvik-2018 is the published"),
         ("of: chance", "of: chances", r'warning\.of: "chances" is no number of a point .*did you mean "chance"'),
         ("at_least: 0.01", "at_least: much", r"warning\.at_least: needs a number"),
         ("answer:", "repeat: {shared: true}\nanswer:", r"repeat\.shared: nothing is drawn"),
     ],
 )
-def test_what_is_wrong_is_said_at_its_line(old: str, new: str, said: str) -> None:
+def test_what_is_wrong_is_said_at_its_line(old: str, new: str, said: str | None) -> None:
+    text = SMALL.replace(old, new, 1)
+    if said is None:
+        assert load_study_text(text, path=WATCHES / "s.yaml").rows == 12
+        return
     with pytest.raises(InputError, match=said):
-        load_study_text(SMALL.replace(old, new, 1), path=WATCHES / "s.yaml")
+        load_study_text(text, path=WATCHES / "s.yaml")
+
+
+def test_a_mission_that_looks_on_after_the_fall_is_refused() -> None:
+    text = SMALL.replace("soda-watch.yaml", "minimal")
+    text = text.replace("predictions.plane.semi_axes_km.0, before: [1 d, 4 h]", "n_observations")
+    with pytest.raises(InputError, match=r"mission: its schedule ends .* after the epoch of its orbit"):
+        load_study_text(text.split("  - {name: chance")[0], path=Path("s.yaml"))
+
+
+def test_an_unknown_name_is_told_the_built_in_studies(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["study", "soda-impactor"]) == 2
+    assert 'no built-in study (nebosvod-pair, neomir-impactors, soda-impactors); did you mean "soda-impactors"?' in (
+        capsys.readouterr().err
+    )
+
+
+def test_drawn_objects_with_errors_in_common_have_intervals_of_clusters(tmp_path: Path) -> None:
+    """Three draws of two objects: what was known before is drawn as well, and shares count objects by draws."""
+    text = SMALL.replace("n: 6, misses: 6", "n: 2, misses: 1").replace("mission: soda", f"mission: {WATCHES}/soda")
+    text = text.replace("before: [1 d, 4 h]", "before: 4 h").replace("before: [12 h, 4 h]", "before: 4 h")
+    (tmp_path / "s.yaml").write_text(f"{text}repeat: {{draws: 3, shared: true}}\n", "utf-8")
+    study = load_study(tmp_path / "s.yaml")
+    found = run_study(study, tmp_path / "o", workers=Workers(count=1))
+    own = found["population"]
+    assert (own["draws"], own["shared"], found["n_rows"]) == (3, True, 9)
+    table = load_table(tmp_path / "o")
+    assert table["draw"].tolist() == [0, 1, 2] * 3
+    (row,) = [one for one in own["seen"] if one["group"] == "all"]
+    assert row["n"] == 2  # seen or not is a matter of the object, not of the draw
+    (warned,) = own["warned"]
+    assert warned["impactors"]["n"] == 6
+    alarm = (np.nan_to_num(table["chance 4 h"]) >= 0.01)[table["object kind"] == "impactor"]
+    low, high = warned["impactors"]["interval_95"]
+    assert low <= alarm.mean() <= high
+    seen = np.asarray(table["sigma 4 h"])[np.isfinite(table["sigma 4 h"])]
+    assert len(set(seen.tolist())) == len(seen) > 0  # each estimate has a covariance of its own
