@@ -469,7 +469,7 @@
     ...["now, total 1σ", "what if", "ratio"].map(t => make("th", { scope: "col", class: "r" }, t)), make("th", { scope: "col" }, "semi-axes, 1σ"))), make("tbody", {}, ...answers.map(one => one.row)));
   const said = make("p", { class: "what-if-said", role: "status" });
   const picture = make("figure"), caption = make("figcaption");
-  const svg = draw("svg", { viewBox: "0 0 320 240", role: "img" });
+  const svg = draw("svg", { viewBox: "0 0 320 240", role: "img", "aria-label": "Ellipse now and what if" });
   picture.append(make("div", { class: "what-if-picture" }, svg), caption);
   const scrolled = (table, name) => make("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": name }, table);
   tool.append(make("div", { class: "what-if-head" }, ways, reset), scrolled(sources, "Sources"), said, scrolled(outcome, "Predictions, what if"), picture);

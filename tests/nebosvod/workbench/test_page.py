@@ -9,6 +9,7 @@ import pytest
 from playwright.sync_api import Browser, ConsoleMessage, Error, Page, Request, expect, sync_playwright
 
 from nebosvod.mission.yaml.yamlfile import parse_yaml
+from tests.accessible import wrong_for_some
 from tests.nebosvod.workbench.conftest import BROWSER, MISSION, Served
 
 pytestmark = pytest.mark.skipif(BROWSER is None, reason="no Chromium is installed")
@@ -198,6 +199,27 @@ def test_two_tabs_do_not_mix(tab: Tab, browser: Browser, served: Served) -> None
     other.page.close()
     assert other.said in ([], ["Failed to load resource: the server responded with a status of 409 (Conflict)"])
     tab.said[:] = [one for one in tab.said if "409 (Conflict)" not in one]
+
+
+def test_the_page_is_for_who_cannot_see_it_or_has_no_pointer(browser: Browser, served: Served) -> None:
+    served.file.write_text(MISSION, "utf-8")
+    tab = Tab(browser.new_context(bypass_csp=True, viewport={"width": 1280, "height": 900}).new_page(), served)
+    assert wrong_for_some(tab.page) == []
+    tab.write(MISSION.replace("0.1 arcsec", "0.1 arcsecs"))
+    assert wrong_for_some(tab.page) == []
+    field = tab.page.locator("#form [aria-invalid=true]")  # the fault is told at its field, too
+    said = tab.page.locator(f"#{field.get_attribute('aria-describedby')}")
+    assert "allowed units" in said.inner_text()
+    served.file.write_text(MISSION + "# theirs\n", "utf-8")
+    tab.page.locator("#text").focus()
+    tab.page.keyboard.press("Control+s")
+    expect(tab.page.locator("#ask")).to_contain_text("has changed on disk")
+    assert wrong_for_some(tab.page) == []
+    tab.page.keyboard.press("Tab")  # Cancel, then the two that do something
+    tab.page.keyboard.press("Tab")
+    tab.page.keyboard.press("Enter")
+    expect(tab.page.locator("#text")).to_have_value(MISSION + "# theirs\n")
+    tab.page.context.close()
 
 
 def test_run_writes_the_folder_of_the_command_and_nothing_else(tab: Tab, served: Served) -> None:
