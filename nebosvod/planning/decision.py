@@ -63,14 +63,21 @@ def advice(found: Mapping[str, Any]) -> str:
     """What to expect, in one sentence."""
     row = found["visits"][found["best"]]
     low, high = said_chance(row["quantiles"]["0.1"]), said_chance(row["quantiles"]["0.9"])
+    span = f"{low} to {high}" if low != high else low if row["quantiles"]["0.9"] > 0.0 else "next to 0"
     when = f"{row['telescope']} on {row['epoch_utc'][:16].replace('T', ' ')} UTC"
     if row["chance_below"] + row["chance_above"] < LEAST:
         return (
-            f"no visit is likely to decide: after {when} the probability will be {low} to {high} (80 %), "
+            f"no visit is likely to decide: after {when} the probability will be {span} (80 %), "
             f"now {found['probability']:.3g}"
         )
     return (
-        f"after {when} the probability falls below {found['below']:.2g} with {100 * row['chance_below']:.0f} % and "
-        f"rises above {found['above']:.2g} with {100 * row['chance_above']:.0f} %; it will be {low} to {high} "
+        f"after {when} the probability falls below {found['below']:.2g} with {_percent(row['chance_below'])} and "
+        f"rises above {found['above']:.2g} with {_percent(row['chance_above'])}; it will be {span} "
         f"(80 %), now {found['probability']:.3g}"
     )
+
+
+def _percent(chance: float) -> str:
+    """Of so many truths that none or all of them is no 0 and no certainty."""
+    whole = f"{100.0 * chance:.0f} %"
+    return {"0 %": "less than 1 %", "100 %": "more than 99 %"}.get(whole, whole)

@@ -336,3 +336,13 @@ def test_a_station_keeps_the_bias_that_its_fit_has_considered(tmp_path: Path, bo
     np.testing.assert_allclose(found.by_draws, np.vstack([rows[:, :6]] * 2), atol=1e-6 * sigma)
     whole = found.noise + found.by_draws @ found.by_draws.T  # what both exposures have in common is the bias
     np.testing.assert_allclose(whole[:2, 2:] / sigma**2, np.eye(2), atol=1e-6)
+
+
+def test_advice_names_no_chance_of_0_and_no_span_from_nothing_to_nothing() -> None:
+    """Of a Moon that a visit all but clears: a hundred truths of which none is above is no 0 %."""
+    row = {
+        "telescope": "F51", "epoch_utc": "2028-11-20T00:00:00Z", "quantiles": {"0.1": 0.0, "0.9": 0.0},
+        "chance_below": 1.0, "chance_above": 0.0,
+    }  # fmt: skip
+    said = advice({"visits": [row], "best": 0, "below": 0.0041, "above": 0.52, "probability": 0.041})
+    assert "with more than 99 % and rises above 0.52 with less than 1 %; it will be next to 0 (80 %)" in said
