@@ -29,6 +29,9 @@ def accuracy(run: RunFolder, main: Item) -> Markup:
         first["name"], size(first), product([3.0 * a for a in axes], unit, like=max(axes)),
         HELD_AT_3_SIGMA.get(len(axes), ""), NBSP,
     )  # fmt: skip
+    drawn = (first.get("monte_carlo") or {}).get(f"semi_axes_{unit}")
+    if drawn and ((first.get("nonlinearity") or {}).get("misleads") or first["monte_carlo"].get("misleads")):
+        text += Markup(", which misleads: drawn orbits spread over {}").format(product(drawn, unit))
     others = [Markup("{} {}").format(p["name"], size(p)) for p in every[1:2]]
     if len(every) > 2:
         others.append(Markup(count(len(every) - 2, "further prediction")))
@@ -64,7 +67,9 @@ def belief(run: RunFolder, main: Item, good: bool) -> Markup:
         close = abs(ratio - 1.0) < AGREE
         parts.append(
             Markup("realistic and reported sigma agree") if close
-            else Markup("the realistic sigma is {}{}× the one the estimator reports").format(number(ratio), NBSP)
+            else Markup("the realistic sigma is {}{}× the one the estimator reports{}").format(
+                number(ratio), NBSP, _why(main)
+            )
         )  # fmt: skip
     if any(main.get("mean_error_km_km_s") or []):
         parts.append("the estimate is off on average")
@@ -77,6 +82,13 @@ def belief(run: RunFolder, main: Item, good: bool) -> Markup:
                      else f"{count(len(run.unanswered), 'prediction')} have no answer")  # fmt: skip
     head = "Yes, as far as the error model holds" if good else "With caution"
     return Markup("<b>{}</b>: {}.").format(head, join(parts)) if parts else Markup("<b>{}</b>.").format(head)
+
+
+def _why(main: Item) -> str:
+    """What an estimator leaves out of its weights, in brackets; empty where it leaves out nothing."""
+    left_out = [group for group, how in (main.get("treatment") or {}).items() if how in ("ignored", "considered")]
+    named = ", ".join(left_out[:2]) + (", ..." if len(left_out) > 2 else "")
+    return f" (not in its weights: {named})" if left_out else ""
 
 
 def _residuals(main: Item) -> str:

@@ -82,8 +82,8 @@ def entry_plates(run: RunFolder, p: Item) -> list[Plate]:
     corridor = Corridor(
         name="drawn orbits", points=points, nominal=place, outlines=outlines, outlines_name="1 and 3σ, linear"
     )
-    caption = Markup("<b>{}</b>: where the orbit comes down to {} above the ellipsoid.").format(
-        p["name"], quantity(p["altitude_km"], "km")
+    caption = Markup("Where the orbit comes down to {} above the ellipsoid.").format(
+        quantity(p["altitude_km"], "km")
     ) + _entry_caption(p, points, outlines, azimuth is not None)  # fmt: skip
     return maps("map-" + array_name(p["name"]).replace("_", "-"), [corridor], f"{p['name']}: place of entry", caption)
 

@@ -37,6 +37,23 @@ def test_page_is_printed_on_several_a4_sheets_with_text_that_stays_text(page: Pa
     assert sorted(path.name for path in page.parent.iterdir()) == ["report.html", "report.pdf"]
 
 
+@pytest.mark.skipif(pdf.browser() is None or not shutil.which("pdftotext"), reason="needs Chromium and poppler-utils")
+def test_every_sheet_has_its_number_and_from_the_second_on_the_title(page: Path) -> None:
+    """Read by Poppler; date, version and hash stand along the foot, and no script of the page stands in the way."""
+    pdf.print_pdf(page, page.with_suffix(".pdf"))
+    done = subprocess.run(
+        ["pdftotext", "-layout", str(page.with_suffix(".pdf")), "-"], capture_output=True, text=True, check=True
+    )
+    sheets = done.stdout.split("\f")[:-1]
+    for k, sheet in enumerate(sheets, start=1):
+        lines = [" ".join(line.split()) for line in sheet.splitlines() if line.strip()]
+        assert lines[-1].endswith(f"{k} / {len(sheets)}"), k
+        assert lines[-1].startswith("2026-11-22 17:00 UTC · nebosvod 0.1.0 · mission sha256 abababababab"), k
+        running = "Apophis before the 2029 encounter, seen by two geostationary telescopes · Accuracy report"
+        assert (lines[0] == running) is (k > 1)
+    assert "Figure 1." in sheets[0]  # the story begins on the first sheet
+
+
 @pytest.mark.skipif(pdf.browser() is None or not shutil.which("pdftoppm"), reason="needs Chromium and poppler-utils")
 def test_marks_of_every_shape_are_seen_by_another_reader_of_pdf(tmp_path: Path) -> None:
     """Poppler draws what Chromium printed: 12 marks of each shape are 12 spots. Square dots had been missing there."""

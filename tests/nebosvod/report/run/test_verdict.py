@@ -212,3 +212,21 @@ def test_impact_is_told_by_both_ways_and_never_as_a_rounded_zero_or_one() -> Non
     assert "0.00600 (linear), 3 of 400 drawn orbits" in said.replace("\N{NO-BREAK SPACE}", " ")
     assert "10⁻¹²" in impact_clause({"impact_probability_linear": 0.0})
     assert impact_clause({}) == ""
+
+
+def test_the_answer_under_each_question_is_short_and_says_why_a_sigma_is_not_to_be_believed(run: RunFolder) -> None:
+    """A line of the page holds some 95 characters: two of them, and each first sentence comes from the numbers."""
+    answers = dict(verdict(run).answers)
+    for told in answers.values():
+        assert len(told[0].striptags()) < 200
+    names = [e["name"] for e in run.estimators]
+    blind = changed(run, estimators=[run.estimators[names.index("bias ignored")]])
+    said = dict(verdict(blind).answers)["Can it be believed"][0].striptags()
+    true, formal = (blind.estimators[0][f"sigma_{kind}position_km"] for kind in ("", "formal_"))
+    assert said.startswith("With caution: the realistic sigma is")
+    assert float(said.split("sigma is ")[1].split()[0]) == pytest.approx(true / formal, rel=5e-3)
+    assert "(not in its weights: bias NEB-1, bias NEB-2)" in said
+    p = run.predictions("batch")[0]
+    bent = {**p, "nonlinearity": {"misleads": True, "measure": 2.0}, "monte_carlo": {"semi_axes_km": [7.0, 3.0]}}
+    accurate = dict(verdict(changed(run, predictions=[bent])).answers)["How accurate"][0].striptags()
+    assert "drawn orbits spread over 7.00 × 3.00 km" in accurate.replace("\N{NO-BREAK SPACE}", " ")
