@@ -1,11 +1,11 @@
 """propagate_many(...): many near orbits at once, on the steps and the ephemeris of one.
 
-Forward in time a cloud flies in flocks (flock.py). Over times on both sides of the epoch, or before it:
-the middle of the cloud, the mean of its states, is integrated with its own step control; every clone takes the same
-steps, reads the bodies at their nodes from a table, starts its iteration from the accelerations of the middle, and
-checks its own last Legendre coefficient in every step. The middle flies through a body it hits, as through a point. A
-clone that fails the check, or comes near a surface, is propagated alone, from shortly before the first deep encounter
-of the middle where it flew well until then.
+Forward in time, or backward, a cloud flies in flocks (flock.py). Over times on both sides of the epoch the middle of
+the cloud, the mean of its states, is integrated with its own step control; every clone takes the same steps, reads the
+bodies at their nodes from a table, starts its iteration from the accelerations of the middle, and checks its own last
+Legendre coefficient in every step. The middle flies through a body it hits, as through a point. A clone that fails the
+check, or comes near a surface, is propagated alone, from shortly before the first deep encounter of the middle where it
+flew well until then.
 """
 
 import os
@@ -111,7 +111,7 @@ def propagate_many(
         raise InputError(f'body "{body}" is unknown (allowed: {", ".join(RADIUS_KM)})')
     middle = forces if values is None else _with(forces, values.mean(axis=0), "the mean of the clones")
     times = np.array(t_s, dtype=np.float64, ndmin=1)
-    if times.ndim == 1 and len(times) and np.isfinite(times).all() and times.min() >= 0.0 < times.max():
+    if times.ndim == 1 and np.isfinite(times).all() and _one_sided(times):
         return _in_flocks(starts, epoch, times, forces, values, tolerance, threads or os.cpu_count() or 1, body)
     nominal = _middle(starts, epoch, t_s, middle, tolerance)
     window = window_of(nominal, body)
@@ -142,13 +142,18 @@ def propagate_many(
     return Clones(epoch=epoch, t_s=nominal.t_s, state=state, alone=alone, lost=lost, fates=fates)
 
 
+def _one_sided(times: Array) -> bool:
+    """Whether times (n,) lie on one side of 0, not all at it."""
+    return bool(len(times) and (times.min() >= 0.0) != (times.max() <= 0.0))
+
+
 def _in_flocks(
     starts: Array, epoch: Epoch, times: Array, forces: ForceModel, values: Array | None, tolerance: float,
     threads: int, body: str | None,
 ) -> Clones:  # fmt: skip
-    """The same forward in time, where clones that drift apart fly on together with their neighbours."""
+    """The same on one side of the epoch, where clones that drift apart fly on together with their neighbours."""
     flight = Flyer(
-        epoch=epoch, end_s=float(times.max()), forces=forces, values=values,
+        epoch=epoch, end_s=float(times[np.argmax(np.abs(times))]), forces=forces, values=values,
         strengths=strengths_of(forces, epoch, values, len(starts)), watch=() if body is None else (body,),
         within_km=WIDEST_KM, times=times, tolerance=float(tolerance), threads=threads,
     ).fly(starts)  # fmt: skip

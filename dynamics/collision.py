@@ -6,7 +6,7 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
-from nebosvod.dynamics.encounter import closest_approaches, relative_state
+from nebosvod.dynamics.encounter import closest_approaches, from_body, relative_state
 from nebosvod.dynamics.ephemeris import PLANETS, Ephemeris
 from nebosvod.dynamics.model import ForceModel
 from nebosvod.dynamics.surface import SURFACE_KM, height_km
@@ -17,6 +17,8 @@ from nebosvod.timescale import Epoch
 Array = npt.NDArray[np.float64]
 IMPACT_TIDE = 1e-7  # s^-2: GM/r^3 at the surface of every body is larger (Saturn 1.7e-7)
 IMPACT_SAMPLES = 33  # to a step
+SKIPPED = 16  # steps of which one is looked at first
+FASTEST_KM_S = 70.0  # Mercury's 59
 AT_ONCE = 1000  # steps sampled at a time: 20 MB
 IMPACT_GRAIN_S = 1e-3  # to which the time of an impact is found
 MASSIVE = tuple(body for body in PLANETS if body in SURFACE_KM)  # what an orbit cannot begin inside of
@@ -38,7 +40,8 @@ def require_no_impact(trajectory: Trajectory, tide: Array) -> None:
         return
     edges = trajectory.step_edges_s
     ends = np.stack([edges[steep], edges[steep + 1]])
-    within_reach = {body: _may_reach(trajectory, body, ends) for body in trajectory.forces.bodies}
+    way = trajectory.state_at(ends.ravel())
+    within_reach = {body: _may_reach(trajectory, body, ends, way) for body in trajectory.forces.bodies}
     suspect = np.flatnonzero(np.any(list(within_reach.values()), axis=0))
     for k in suspect[np.argsort(np.abs(ends[:, suspect].sum(axis=0)))]:
         times = np.linspace(ends[0, k], ends[1, k], IMPACT_SAMPLES)
@@ -94,24 +97,45 @@ def _places(ephemeris: Ephemeris, epoch: Epoch) -> tuple[Array, Array, Array]:
     return places, radii, radii**2 * (1.0 + 1e-9)
 
 
-def _may_reach(trajectory: Trajectory, body: str, ends: Array) -> npt.NDArray[np.bool_]:
+def _may_reach(trajectory: Trajectory, body: str, ends: Array, way: Array) -> npt.NDArray[np.bool_]:
     """Which steps with these ends (2, k) can come to the surface, first by their ends, then by samples between them.
 
-    An orbit close about the Sun is in reach of it by every end, thousands of times.
+    An orbit close about the Sun is in reach of it by every end, thousands of times. `way` (2 k, 6) are its heliocentric
+    states at the ends, for all bodies the same.
     """
-    reached = _within_reach(trajectory, body, ends)
+    reached = ~_far(trajectory, body, ends, way)
+    close = np.flatnonzero(reached)
+    if close.size:
+        both = np.concatenate([close, close + ends.shape[1]])
+        reached[close] = _within_reach(trajectory, body, ends[:, close], way[both])
     near = np.flatnonzero(reached)
     for some in np.split(near, range(AT_ONCE, near.size, AT_ONCE)):
-        reached[some] = _within_reach(trajectory, body, np.linspace(ends[0, some], ends[1, some], IMPACT_SAMPLES))
+        if some.size:
+            times = np.linspace(ends[0, some], ends[1, some], IMPACT_SAMPLES)
+            reached[some] = _within_reach(trajectory, body, times, trajectory.state_at(times.ravel()))
     return reached
 
 
-def _within_reach(trajectory: Trajectory, body: str, times: Array) -> npt.NDArray[np.bool_]:
+def _far(trajectory: Trajectory, body: str, ends: Array, way: Array) -> npt.NDArray[np.bool_]:
+    """Which steps with these ends (2, k) are out of reach by the distance at one of many: a satellite has thousands.
+
+    No body goes faster about the Sun than FASTEST_KM_S.
+    """
+    count = ends.shape[1]
+    looked = np.arange(0, count, SKIPPED)
+    t_s, own = ends[0, looked], np.arange(count) // SKIPPED
+    distance = np.linalg.norm(from_body(trajectory, body, t_s, way[looked])[:, :3], axis=1)
+    speed = float(np.linalg.norm(way[:, 3:], axis=1).max()) + FASTEST_KM_S
+    apart = np.abs(ends - t_s[own]).max(axis=0) + np.abs(ends[1] - ends[0])
+    return np.asarray(distance[own] - speed * apart > SURFACE_KM[body])
+
+
+def _within_reach(trajectory: Trajectory, body: str, times: Array, way: Array) -> npt.NDArray[np.bool_]:
     """Which steps with these samples (m, k) can come to the surface: it is nearer to one than speed times spacing.
 
     One of the samples is half the spacing away, so there is room for twice the speed between them.
     """
-    states = relative_state(trajectory, body)(times.ravel()).reshape(*times.shape, 6)
+    states = from_body(trajectory, body, times.ravel(), way).reshape(*times.shape, 6)
     distance, speed = (np.linalg.norm(part, axis=2) for part in (states[:, :, :3], states[:, :, 3:]))
     reach = speed.max(axis=0) * (times[1] - times[0])
     reached: npt.NDArray[np.bool_] = distance.min(axis=0) < SURFACE_KM[body] + reach

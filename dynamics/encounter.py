@@ -192,16 +192,20 @@ def perigee_distance(trajectory: Trajectory, encounter: Encounter) -> tuple[floa
 
 def relative_state(trajectory: Trajectory, body: str) -> Callable[[Array], Array]:
     """States (n, 6) relative to a body, ICRF, at any times (n,) of the span of a trajectory."""
-    ephemeris, epoch = trajectory.forces.ephemeris, trajectory.epoch
 
     def state(t: Array) -> Array:
-        heliocentric = trajectory.state_at(t)
-        if body == "sun":
-            return heliocentric
-        sun = ephemeris.state_km_km_s("sun", epoch, t)
-        return heliocentric - (ephemeris.state_km_km_s(body, epoch, t) - sun)
+        return from_body(trajectory, body, t, trajectory.state_at(t))
 
     return state
+
+
+def from_body(trajectory: Trajectory, body: str, t_s: Array, heliocentric: Array) -> Array:
+    """States (n, 6) relative to a body, ICRF, of heliocentric ones (n, 6) at times (n,)."""
+    if body == "sun":
+        return heliocentric
+    ephemeris, epoch = trajectory.forces.ephemeris, trajectory.epoch
+    sun = ephemeris.state_km_km_s("sun", epoch, t_s)
+    return np.asarray(heliocentric - (ephemeris.state_km_km_s(body, epoch, t_s) - sun))
 
 
 def _heliocentric_velocity(ephemeris: Ephemeris, body: str, epoch: Epoch, t: float) -> Array:

@@ -156,7 +156,7 @@ class Flyer:
             with ThreadPoolExecutor(self.threads) as pool:
                 parts = list(pool.map(part, firsts))
         if len(flock.members) == 1:  # the leader alone: the bytes of its own flight
-            within = np.flatnonzero((self.times >= flock.t_s) & (self.times - flock.t_s <= led.span_s[1]))
+            within = _within(self.times - flock.t_s, led.span_s[1 if self.end_s > 0.0 else 0])
             self.flight.state[flock.members[0], within] = led.state_at(self.times[within] - flock.t_s)
         return self._looked_at(flock, led, parts)
 
@@ -211,7 +211,7 @@ class Flyer:
         last = led.span_s[leg]
         count = len(flock.members)
         wanted = self.times - flock.t_s
-        within = np.flatnonzero((wanted >= 0.0) & (wanted <= last))
+        within = _within(wanted, last)
         watch = self._watch(led.forces.bodies, flock.last2, room)
         sun = led.forces.ephemeris.state_km_km_s("sun", epoch, wanted[within])
         step, weights = _places(table, wanted[within])
@@ -243,15 +243,22 @@ class Flyer:
         return Seen(orbit=flock.members[seen.orbit], body=seen.body, t_s=flock.t_s + seen.t_s, state=seen.state)
 
 
+def _within(t_s: Array, last: float) -> Integers:
+    """Which times lie between 0 and the last one, which may be negative."""
+    sign = np.copysign(1.0, last)
+    return np.flatnonzero((sign * t_s >= 0.0) & (sign * t_s <= sign * last))
+
+
 def _places(table: StepTable, t_s: Array) -> tuple[Integers, Array]:
-    """Step (n,) of each time on a leg that goes forward, and the weights (n, 17) of its nodes."""
+    """Step (n,) of each time on the one leg there is, as it was integrated, and the weights (n, 17) of its nodes."""
+    behind = 0 if table.legs[0] is None else len(table.legs[0].start)
     step, weights = np.empty(len(t_s), np.int64), np.empty((len(t_s), 17))
     for e, t in enumerate(t_s.tolist()):
         k = int(step_of(t, table.edges))
         h = float(table.steps.length[k])
         s = float((t - table.steps.start[k]) / h)
         step_weights(8, s, h, weights[e])
-        step[e], weights[e, 16] = k, s * h
+        step[e], weights[e, 16] = (behind - 1 - k if k < behind else k - behind), s * h
     return step, weights
 
 

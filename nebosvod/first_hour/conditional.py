@@ -19,6 +19,7 @@ Rows = npt.NDArray[np.int64]
 LOG_RANGE, RATE, ATTRIBUTABLE = 0, 1, slice(2, 6)  # of the six numbers of an orbit
 STEPS = 12  # of Gauss and Newton
 SETTLED = 0.02  # sigmas of the last step
+WORSE = 1e-3  # of chi squared, by which a step may go up: differences stand for partials
 ANGLE_STEP = 1e-5  # rad, by which partials are differences
 RANGE_STEP = 1e-3  # of ln(range)
 FARTHEST_STEP = 0.5  # of ln(range)
@@ -137,21 +138,25 @@ class Conditional:
         known : for `held` below 2, centre and sigma (m,) of what is said beforehand of the range rate, lest a rate
             nobody can tell goes anywhere.
         """
-        x, found = start.copy(), None
+        x = start.copy()
         u = np.tile(self.tracklet.columns.mean, (len(x), 1))
+        came = _Came.nowhere(x, u)
         active = np.arange(len(x))
         parts: list[tuple[Rows, dict[str, Array]]] = []
         for step in range(STEPS):
             prior = None if known is None else (known[0][active], known[1][active])
             found = self._linear(x[active], u[active], held, prior)
-            last = step == STEPS - 1
-            settled = (found["step"] < SETTLED) | ~np.isfinite(found["chi2"]) | last
+            worse = came.worse(active, found["whole"])
+            settled = ((found["step"] < SETTLED) | ~np.isfinite(found["chi2"])) & ~worse
+            if step == STEPS - 1:
+                _stay(found, ~settled)
+                settled[:] = True
             if settled.any():
                 parts.append((active[settled], {name: values[settled] for name, values in found.items()}))
-            moved = ~settled
-            x[active[moved], held:] += found["dx"][moved]
-            u[active[moved]] += found["du"][moved]
-            active = active[moved]
+            came.halve(active[worse & ~settled], x, u)
+            onward = ~settled & ~worse
+            came.go(active[onward], x, u, held, {name: values[onward] for name, values in found.items()})
+            active = active[~settled]
             if not active.size:
                 break
         order = np.concatenate([rows for rows, _ in parts])
@@ -216,6 +221,7 @@ class Conditional:
             "dx": dx,
             "du": d[:, :k] / scale[:, :k],
             "chi2": np.where(finite, rest, np.inf),
+            "whole": np.where(finite, _whole(white, x[:, RATE], prior), np.inf),
             "step": np.linalg.norm(np.einsum("mij,mj->mi", T, d), axis=1) / np.sqrt(free),
             "factor": T * scale[:, None, :free],
             "log_spread": -log_a - log_noise + 0.5 * columns.log_det,
@@ -252,6 +258,55 @@ class Conditional:
             + base.across @ columns.place[None]
         )
         return base, J, H
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Came:
+    """From where m orbits made their last step, what it was, and what they had before: a step that is worse is halved.
+
+    Near the Earth a rate that the measurements hardly tell goes far astray by a whole step of Gauss and Newton.
+    """
+
+    dx: Array
+    du: Array
+    whole: Array
+
+    @classmethod
+    def nowhere(cls, x: Array, u: Array) -> "_Came":
+        """Before the first step."""
+        return cls(dx=np.zeros_like(x), du=np.zeros_like(u), whole=np.full(len(x), np.inf))
+
+    def worse(self, active: Rows, whole: Array) -> npt.NDArray[np.bool_]:
+        """Which of the active orbits stand worse than before their last step."""
+        before = self.whole[active]
+        found: npt.NDArray[np.bool_] = ~(whole <= before * (1.0 + WORSE) + WORSE) & np.isfinite(before)
+        return found
+
+    def halve(self, rows: Rows, x: Array, u: Array) -> None:
+        """Take half of the last step back."""
+        self.dx[rows] *= 0.5
+        self.du[rows] *= 0.5
+        x[rows] -= self.dx[rows]
+        u[rows] -= self.du[rows]
+
+    def go(self, rows: Rows, x: Array, u: Array, held: int, found: dict[str, Array]) -> None:
+        """Make a step."""
+        self.dx[rows, held:], self.du[rows], self.whole[rows] = found["dx"], found["du"], found["whole"]
+        x[rows] += self.dx[rows]
+        u[rows] += self.du[rows]
+
+
+def _stay(found: dict[str, Array], rows: npt.NDArray[np.bool_]) -> None:
+    """Orbits that have not settled stay where they are: what the next step promises is no chi squared of an orbit."""
+    found["chi2"] = np.where(rows, found["whole"], found["chi2"])
+    found["dx"] = np.where(rows[:, None], 0.0, found["dx"])
+    found["du"] = np.where(rows[:, None], 0.0, found["du"])
+
+
+def _whole(white: Array, rate: Array, prior: tuple[Array, Array] | None) -> Array:
+    """Chi squared (m,) where the orbits stand, with what is said beforehand of nuisances and range rate."""
+    said = 0.0 if prior is None else ((prior[0] - rate) / prior[1]) ** 2
+    return np.asarray(np.sum(white**2, axis=1) + said)
 
 
 def _triangle(rows: Array) -> Array:

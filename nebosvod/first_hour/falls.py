@@ -72,7 +72,11 @@ ROW_FIELDS = ("flown", "body", "t_s", "position_km", "velocity_km_s", "miss_km")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Chance:
-    """A probability of impact with its interval at 95 %; `bound` where no orbit hits: then it is below `high`."""
+    """A probability of impact with its interval at 95 %.
+
+    `bound` where no orbit hits, or where those that do weigh less than one of as many plain draws and the interval
+    begins at 0: then all that is known is that it is below `high`.
+    """
 
     probability: float
     low: float
@@ -190,7 +194,7 @@ def chance(grid: Grid, falls: Falls, prior: str = HEADLINE, body: str = "earth")
     guess = np.where(np.bincount(cell, falls.flown, m) > 0, guess, 0.0)  # nobody of these comes near
     variance = float(np.sum(np.bincount(cell, w, m) ** 2 * guess * (1.0 - guess) / drawn))
     low, high = interval(p, variance, len(w))
-    return Chance(probability=p, low=low, high=high, hits=int(hit.sum()), bound=False)
+    return Chance(probability=p, low=low, high=high, hits=int(hit.sum()), bound=low == 0.0 and p * len(w) < 1.0)
 
 
 def interval(p: float, variance: float, draws: int) -> tuple[float, float]:

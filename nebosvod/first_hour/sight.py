@@ -1,10 +1,10 @@
 """Many orbits of one tracklet at once: what is seen of each, against what was observed.
 
-Orbits that differ in range by ten orders of magnitude fly together: over hours they share steps that suit the middle of
-those alike in range, and who fails the check of its last step flies alone.
+Orbits that differ in range by ten orders of magnitude fly together: those alike in range share steps, and who fails the
+check of a step goes on in a flock of its own.
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -13,7 +13,6 @@ from nebosvod.dynamics import propagate_many
 from nebosvod.dynamics.constants import SPEED_OF_LIGHT_KM_S
 from nebosvod.dynamics.fates import Fates
 from nebosvod.dynamics.propagator import TOLERANCE
-from nebosvod.errors import EventError
 from nebosvod.first_hour.tracklet import Tracklet
 from nebosvod.observation.measurement.exposures import Exposures
 from nebosvod.units import AU_KM
@@ -46,24 +45,16 @@ def together(
 ) -> tuple[Array, Fates]:
     """Fly orbits (m, 6) from the reference time: their states (m, n, 6) at times, nan after a hit, and their fates.
 
-    Where the middle of them runs into the centre of a body, they are led by another one, an au away.
+    Forward and backward each by itself: so they part into flocks where the Earth tears them apart.
     """
-    every, m = states, len(states)
-    for led in (False, True):
-        try:
+    state, fates = np.repeat(states[:, None], len(t_s), axis=1), Fates.unknown(len(states))
+    for side in (t_s < 0.0, t_s > 0.0):
+        if side.any():
             found = propagate_many(
-                every, tracklet.epoch, t_s, tracklet.forces, tolerance=tolerance, threads=1, body=body
+                states, tracklet.epoch, t_s[side], tracklet.forces, tolerance=tolerance, threads=1, body=body
             )
-            break
-        except EventError:
-            if led:
-                raise
-            place = tracklet.place.copy()
-            place[:3] *= 2.0
-            every = np.vstack([place, states])
-    rows = slice(len(every) - m, None)
-    fates = {field.name: getattr(found.fates, field.name)[rows] for field in fields(Fates)}
-    return found.state[rows], Fates(**fates)
+            state[:, side], fates = found.state, found.fates
+    return state, fates
 
 
 def lines(

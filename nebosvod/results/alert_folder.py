@@ -27,7 +27,7 @@ Row = dict[str, Any]
 
 
 def chance_row(one: Chance) -> Row:
-    """A probability; `bound` where no orbit hits: it is below `high`, and `probability` is null."""
+    """A probability; `bound` where none or too few orbits hit: it is below `high`, and `probability` is null."""
     return {
         "probability": None if one.bound else min(one.probability, 1.0),
         "low": one.low,

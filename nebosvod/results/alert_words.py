@@ -8,6 +8,8 @@ def headline(summary: Mapping[str, Any]) -> str:
     """The answer in a line."""
     days = f"within {summary['within_d']:g} days"
     if summary["bound"]:
-        return f"Probability to hit the Earth {days}: below {summary['high']:.2g} (95 %); no drawn orbit hits"
+        hits = summary["hits"]
+        said = f"{hits} drawn orbits hit, and weigh next to nothing" if hits else "no drawn orbit hits"
+        return f"Probability to hit the Earth {days}: below {summary['high']:.2g} (95 %); {said}"
     p, low, high = (summary[name] for name in ("probability", "low", "high"))
     return f"Probability to hit the Earth {days}: {p:.3g} ({low:.3g} to {high:.3g})"

@@ -236,3 +236,26 @@ def test_parameters_outside_the_physical_range_are_points_of_the_model(full_forc
         own = full_forces.with_values(dict(zip(full_forces.parameters, values[k])))
         one = propagate(neo[1], neo[0], [100.0 * DAY_S], own, False).state
         assert np.abs((many.state[k] - one)[:, :3]).max() < 1e-6
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_orbits_torn_apart_by_the_earth_fly_as_one_by_one_either_way(full_forces: ForceModel, sign: float) -> None:
+    """From 7000 to 600,000 km in every direction: flocks part; those that come below the ground are lost, no others."""
+    epoch, ephemeris = Epoch.parse("2026-03-21T00:00:00 TDB"), full_forces.ephemeris
+    forces = ForceModel(ephemeris=ephemeris, asteroids=False)
+    now, rng = np.zeros(1), np.random.default_rng(1)
+    earth = (ephemeris.state_km_km_s("earth", epoch, now) - ephemeris.state_km_km_s("sun", epoch, now))[0]
+    line = rng.standard_normal((40, 3))
+    line *= (np.exp(rng.uniform(np.log(7e3), np.log(6e5), 40)) / np.linalg.norm(line, axis=1))[:, None]
+    starts = earth + np.hstack([line, 8.0 * rng.standard_normal((40, 3))])
+    times = sign * np.array([3600.0, 7200.0, 20000.0])
+    many = propagate_many(starts, epoch, times, forces, threads=1)
+    assert many.alone.any()
+    for k, start in enumerate(starts):
+        try:
+            one = propagate(start, epoch, times, forces, False, margin_s=0.0).state
+        except ImpactError:
+            assert k in many.lost
+            continue
+        assert np.abs((many.state[k] - one)[:, :3]).max() < 1e-5
+    assert 0 < len(many.lost) < 20

@@ -101,8 +101,8 @@ def made(case: Case, ephemeris: Ephemeris) -> Made:
     ra, dec = case.direction
     truth = np.array([np.log(case.rho_au), case.rate_km_s, 0.0, 0.0, *(np.array(case.across_km_s) / case.rho_au / AU)])
     frame = oracle.frame_of(ra, dec)
-    psi, rate = oracle.directions(bodies, empty.exposures, empty.reference, frame, truth[None])
-    Cov = oracle.covariance(case, columns, np.full(1, case.rho_au * AU), rate, psi, sigma)[0]
+    psi, rate, far = oracle.directions(bodies, empty.exposures, empty.reference, frame, truth[None])
+    Cov = oracle.covariance(case, columns, far, rate, psi, sigma)[0]
     noise = np.linalg.cholesky(Cov) @ rng.standard_normal(len(Cov))
     observed = psi[0] + noise.reshape(-1, 2) / np.stack([np.cos(psi[0, :, 1]), np.ones(len(exposures))], axis=1)
     observed[:, 0] %= 2.0 * np.pi
@@ -113,6 +113,17 @@ def made(case: Case, ephemeris: Ephemeris) -> Made:
         columns=columns, sigma=sigma, low=np.log(1e-4), high=np.log(5.0),
     )  # fmt: skip
     return Made(tracklet=tracklet, problem=problem, region=region, truth=truth)
+
+
+def aimed(case: Case, ephemeris: Ephemeris) -> Case:
+    """The same, moving across as what comes down on the Earth within ten days does."""
+    one = made(case, ephemeris)
+    tried = np.stack(np.meshgrid(*[np.linspace(-0.8, 0.8, 41)] * 2), axis=-1).reshape(-1, 2)
+    x = np.repeat(one.truth[None], len(tried), axis=0)
+    x[:, 4:] = tried / case.rho_au / AU
+    hit = oracle.falls(one.problem, x, one.tracklet.epoch, ephemeris, 10.0)
+    east, north = tried[hit].mean(axis=0).tolist()
+    return replace(case, across_km_s=(east, north))
 
 
 def _columns(case: Case, exposures: Exposures) -> Columns:

@@ -92,8 +92,10 @@ def states(exposures: Exposures, reference: int, frame: Array, x: Array) -> Arra
     return np.hstack([place[:3] + rho * line, place[3:] + x[:, 1:2] * line + rho * sweep])
 
 
-def directions(bodies: Bodies, exposures: Exposures, reference: int, frame: Array, x: Array) -> tuple[Array, Array]:
-    """RA and Dec (m, n, 2) and their rates, RA cos Dec and Dec."""
+def directions(
+    bodies: Bodies, exposures: Exposures, reference: int, frame: Array, x: Array
+) -> tuple[Array, Array, Array]:
+    """RA and Dec (m, n, 2), their rates, RA cos Dec and Dec, and the distances (m, n), km."""
     flown = bodies.fly(states(exposures, reference, frame, x))
     r, v = flown[..., :3], flown[..., 3:]
     fall = -bodies.gm[0] * r / np.linalg.norm(r, axis=-1)[..., None] ** 3
@@ -111,11 +113,11 @@ def directions(bodies: Bodies, exposures: Exposures, reference: int, frame: Arra
     d = np.linalg.norm(line, axis=-1)
     east = (-sr * motion[..., 0] + cr * motion[..., 1]) / d
     north = (-sd * cr * motion[..., 0] - sd * sr * motion[..., 1] + cd * motion[..., 2]) / d
-    return psi, np.stack([east, north], axis=-1)
+    return psi, np.stack([east, north], axis=-1), d
 
 
-def covariance(case: Any, columns: Any, rho_km: Array, rate: Array, psi: Array, sigma: float) -> Array:
-    """Dense covariance (m, 2 n, 2 n) of the directions with every nuisance in it."""
+def covariance(case: Any, columns: Any, far_km: Array, rate: Array, psi: Array, sigma: float) -> Array:
+    """Dense covariance (m, 2 n, 2 n) of directions to what is so far (m, n) from each observer, with every nuisance."""
     m, n = rate.shape[:2]
     cr, sr, cd, sd = np.cos(psi[..., 0]), np.sin(psi[..., 0]), np.cos(psi[..., 1]), np.sin(psi[..., 1])
     zero = np.zeros_like(cr)
@@ -123,7 +125,7 @@ def covariance(case: Any, columns: Any, rho_km: Array, rate: Array, psi: Array, 
     H = (
         columns.bias[None]
         + rate[..., None] * columns.clock[None, :, None]
-        - axes @ columns.place[None] / rho_km[:, None, None, None]
+        - axes @ columns.place[None] / far_km[..., None, None]
     )
     variance = 1.0 / np.diag(columns.information) ** 2 if columns.names else np.zeros(0)
     H = H.reshape(m, 2 * n, -1)
@@ -150,18 +152,18 @@ class Problem:
         """About the direction observed at the reference time."""
         return frame_of(*self.observed[self.reference])
 
-    def residual(self, x: Array) -> tuple[Array, Array, Array]:
-        """Observed minus computed (m, 2 n), rates, directions."""
-        psi, rate = directions(self.bodies, self.exposures, self.reference, self.frame, x)
+    def residual(self, x: Array) -> tuple[Array, Array, Array, Array]:
+        """Observed minus computed (m, 2 n), rates, directions, distances."""
+        psi, rate, far = directions(self.bodies, self.exposures, self.reference, self.frame, x)
         away = self.observed - psi
         away[..., 0] = (away[..., 0] + np.pi) % (2.0 * np.pi) - np.pi
         away[..., 0] *= np.cos(psi[..., 1])
-        return away.reshape(len(x), -1), rate, psi
+        return away.reshape(len(x), -1), rate, psi, far
 
     def log_target(self, x: Array) -> Array:
         """Log posterior density (m,) over ln(range), rate and attributable; prior uniform in range and rate."""
-        v, rate, psi = self.residual(x)
-        L = np.linalg.cholesky(covariance(self.case, self.columns, AU * np.exp(x[:, 0]), rate, psi, self.sigma))
+        v, rate, psi, far = self.residual(x)
+        L = np.linalg.cholesky(covariance(self.case, self.columns, far, rate, psi, self.sigma))
         white = np.linalg.solve(L, v[..., None])[..., 0]
         log = -0.5 * np.sum(white**2, axis=1) - np.log(np.einsum("mii->mi", L)).sum(axis=1) + x[:, 0]
         return np.where(self.inside(x), log, -np.inf)
@@ -193,13 +195,11 @@ class Problem:
             moved = np.repeat(x[:, None], 5, axis=1)
             for j in range(4):
                 moved[:, j + 1, 2 + j] += steps[j]
-            v, rate, psi = self.residual(moved.reshape(-1, 6))
+            v, rate, psi, far = self.residual(moved.reshape(-1, 6))
             v = v.reshape(len(x), 5, -1)
             J = ((v[:, :1] - v[:, 1:]) / steps[:, None]).transpose(0, 2, 1)
             own = slice(None, None, 5)
-            L = np.linalg.cholesky(
-                covariance(self.case, self.columns, AU * np.exp(xy[:, 0]), rate[own], psi[own], self.sigma)
-            )
+            L = np.linalg.cholesky(covariance(self.case, self.columns, far[own], rate[own], psi[own], self.sigma))
             scale = np.linalg.norm(J, axis=1)
             white, right = np.linalg.solve(L, J / scale[:, None]), np.linalg.solve(L, v[:, 0, :, None])
             Q, R = np.linalg.qr(white)
@@ -328,3 +328,115 @@ class _Learnt:
             )
         a, self.factor = self.problem.attributable(xy, near)
         return np.hstack([xy, a]), np.log(np.maximum(density, 1e-300))
+
+
+INFLATED = 1.15  # sigmas of the attributable, beyond those that the grid found
+SOFT = 0.2  # of the draws go to cells by the root of their weight
+
+
+def sample_about(problem: Problem, grid: Any, count: int, rng: np.random.Generator) -> Sampled:
+    """Draw about the nodes of a grid: cells by its weights, uniform in each, attributables of wider normal laws.
+
+    The grid is the proposal and no more: what a draw weighs is `log_target` over the density it was drawn with.
+    """
+    from nebosvod.first_hour.grid import interval_of
+
+    w = grid.weight()
+    p = (1.0 - SOFT) * w + SOFT * np.sqrt(w) / np.sqrt(w).sum()
+    cell = rng.choice(len(p), count, p=p / p.sum())
+    line = grid.line[cell]
+    x = grid.low[line] + grid.width[line] * rng.random(count)
+    begin, end = interval_of(grid.region, grid.conditional, grid.lines, x - grid.lines.coordinates[line, 0], line)
+    low, high = grid.share[cell].T
+    y = begin + (end - begin) * (low + (high - low) * rng.random(count))
+    log_q = np.log(p[cell] / p.sum() / (grid.width[line] * (high - low) * (end - begin)))
+    kept = np.flatnonzero(np.isfinite(y) & np.isfinite(log_q))
+    start = grid.nodes.coordinates[cell[kept]].copy()
+    start[:, 2:] += (y[kept] - start[:, 1])[:, None] * grid.lines.drift[line[kept], -4:]
+    start[:, 0], start[:, 1] = x[kept], y[kept]
+    found, log_w = np.empty((len(kept), 6)), np.empty(len(kept))
+    for part in np.array_split(np.arange(len(kept)), max(len(kept) // 4000, 1)):
+        solved = grid.conditional.solve(start[part], 2)
+        z = rng.standard_normal((len(part), solved.factor.shape[1]))
+        moved = np.linalg.solve(solved.factor, z[:, :, None])[:, -4:, 0]
+        # the attributable alone: its covariance is the last block of the inverse of the information
+        inverse = np.linalg.solve(solved.factor, np.broadcast_to(np.eye(z.shape[1]), solved.factor.shape))[:, -4:]
+        scale = np.linalg.norm(inverse, axis=2)
+        P = np.einsum("mij,mkj->mik", inverse / scale[:, :, None], inverse / scale[:, :, None])
+        away = (moved / scale)[:, :, None]
+        chi2 = np.sum(away * np.linalg.solve(P, away), axis=(1, 2))
+        log_a = -0.5 * chi2 - 0.5 * np.linalg.slogdet(P)[1] - np.log(scale).sum(axis=1)
+        found[part] = solved.coordinates
+        found[part, 2:] += INFLATED * moved
+        log_w[part] = problem.log_target(found[part]) - log_q[kept[part]] - log_a
+    w = np.exp(log_w - log_w.max())
+    return Sampled(x=found, w=w / w.sum())
+
+
+RADII_KM = (6378.137, 6356.752)  # of the Earth, at the equator and at the pole
+SHARE, SPEED_KM_S, LONGEST_S = 0.1, 10.0, 43200.0  # a step is so much of the time to the nearest body, and no longer
+
+
+def falls(problem: Problem, x: Array, epoch: Epoch, ephemeris: Ephemeris, days: float) -> npt.NDArray[np.bool_]:
+    """Which orbits (m, 6) come down on the Earth within some days: Runge and Kutta, a step of its own for each."""
+    state = states(problem.exposures, problem.reference, problem.frame, x)
+    table = _Table.of(ephemeris, epoch, days)
+    t, end = np.zeros(len(x)), 86400.0 * days
+    hit, flying = np.zeros(len(x), dtype=np.bool_), np.arange(len(x))
+    while flying.size:
+        y, now = state[flying], t[flying]
+        places = table.at(now)
+        gap = np.linalg.norm(y[:, None, :3] - places, axis=2).min(axis=1)
+        h = np.minimum(SHARE * gap / SPEED_KM_S, np.minimum(LONGEST_S, end - now))
+        h = np.maximum(h, 5.0)
+        k = np.zeros_like(y)
+        total = np.zeros_like(y)
+        for share, weight in ((0.0, 1.0), (0.5, 2.0), (0.5, 2.0), (1.0, 1.0)):
+            z = y + (share * h)[:, None] * k
+            k = np.hstack([z[:, 3:], table.pull(z[:, :3], now + share * h)])
+            total += weight / 6.0 * k
+        y = y + h[:, None] * total
+        state[flying], t[flying] = y, now + h
+        away = y[:, :3] - table.at(t[flying])[:, 0]
+        under = (away[:, 0] ** 2 + away[:, 1] ** 2) / RADII_KM[0] ** 2 + away[:, 2] ** 2 / RADII_KM[1] ** 2 < 1.0
+        hit[flying[under]] = True
+        flying = flying[~under & (t[flying] < end - 1e-3)]
+    return hit
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Table:
+    """Heliocentric places of Earth, Moon and Jupiter every half an hour, km, with their velocities between."""
+
+    step_s: float
+    nodes: Array
+    gm: Array
+
+    @classmethod
+    def of(cls, ephemeris: Ephemeris, epoch: Epoch, days: float) -> "_Table":
+        step_s = 1800.0
+        t_s = np.arange(0.0, 86400.0 * days + 2.0 * step_s, step_s)
+        sun = ephemeris.state_km_km_s("sun", epoch, t_s)
+        nodes = np.stack([ephemeris.state_km_km_s(body, epoch, t_s) - sun for body in PULLING[1:]], axis=1)
+        return cls(step_s=step_s, nodes=nodes, gm=np.array([ephemeris.gm_km3_s2[body] for body in PULLING]))
+
+    def at(self, t_s: Array) -> Array:
+        """Places (m, 3, 3) at times (m,), cubic between the nodes."""
+        k = np.minimum((t_s / self.step_s).astype(int), len(self.nodes) - 2)
+        s = (t_s / self.step_s - k)[:, None, None]
+        a, b = self.nodes[k], self.nodes[k + 1]
+        d, rest = self.step_s, 1.0 - s
+        found: Array = (
+            (1.0 + 2.0 * s) * rest**2 * a[..., :3] + s * rest**2 * d * a[..., 3:]
+            + s**2 * (3.0 - 2.0 * s) * b[..., :3] - s**2 * rest * d * b[..., 3:]
+        )  # fmt: skip
+        return found
+
+    def pull(self, r: Array, t_s: Array) -> Array:
+        """Heliocentric acceleration (m, 3)."""
+        places = self.at(t_s)
+        away = r[:, None] - places
+        pulls = away / np.linalg.norm(away, axis=2)[..., None] ** 3
+        pulls += places / np.linalg.norm(places, axis=2)[..., None] ** 3
+        sun = self.gm[0] * r / np.linalg.norm(r, axis=1)[:, None] ** 3
+        return np.asarray(-sun - np.einsum("b,mbi->mi", self.gm[1:], pulls))

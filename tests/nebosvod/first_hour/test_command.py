@@ -170,3 +170,20 @@ def test_a_night_is_answered_object_by_object_and_one_without_an_answer_stops_no
     said = capsys.readouterr()
     assert "2018 LA: P 0.1" in said.out
     assert "2014 AA: one observation" in said.err
+
+
+def test_what_one_more_observation_would_settle_and_a_mission_by_one_of_its_telescopes(
+    answer: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """An hour on four observations more settle 2018 LA, so one does most of it; the better moment comes first."""
+    observations = str(answer.parent / "la.obs80")
+    assert main(["alert", observations, "--decide", "--hours", "2", "--json"]) == 0
+    (row,) = json.loads(capsys.readouterr().out)["decisions"]
+    assert row["telescope"] == "G96"
+    assert row["settles"] > 0.5
+    assert row["quantiles"]["q16"] <= row["quantiles"]["median"] <= row["quantiles"]["q84"]
+
+
+def test_by_an_unknown_telescope_is_wrong_input(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["alert", "first-hours", "--by", "nobody"]) == 2
+    assert "nobody" in capsys.readouterr().err

@@ -9,12 +9,13 @@ import pytest
 from nebosvod.dynamics import Ephemeris
 from nebosvod.errors import GeometryError
 from nebosvod.first_hour.conditional import Conditional
+from nebosvod.first_hour.falls import chance, fall
 from nebosvod.first_hour.grid import ENOUGH, Grid, grid_of
 from nebosvod.first_hour.region import Region
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 import hour_oracle as oracle  # type: ignore[import-not-found]
-from hour_cases import CASES, Case, Made, made  # type: ignore[import-not-found]
+from hour_cases import CASES, Case, Made, aimed, made  # type: ignore[import-not-found]
 
 DENSE = (CASES[1], CASES[3], CASES[4], CASES[6], CASES[8], CASES[9])
 
@@ -50,8 +51,16 @@ def test_the_density_at_the_nodes_is_that_of_a_dense_covariance_on_orbits_by_run
     assert np.all(np.abs(x[inside, 2:] - a[inside]) < 0.1 * sigma[inside])
 
 
-def test_moments_are_those_of_importance_sampling_in_six_dimensions(bodies: Ephemeris) -> None:
-    """One station for ten minutes; all ten cases are in the long test."""
+@pytest.mark.parametrize("case", CASES[::3], ids=lambda case: case.name)
+def test_moments_are_those_of_importance_sampling_in_six_dimensions(case: Case, bodies: Ephemeris) -> None:
+    """Draws about the nodes, weighed by the oracle; all ten cases are in the long test."""
+    one, grid = laid(case, bodies)
+    drawn = oracle.sample_about(one.problem, grid, 1500, np.random.default_rng(3))
+    compare(grid, drawn, mean=0.12, sigma=0.08, least=800.0)
+
+
+def test_a_sampler_that_knows_nothing_of_the_grid_finds_the_same(bodies: Ephemeris) -> None:
+    """Population Monte Carlo from the whole region: no mass lies where the grid has no nodes."""
     one, grid = laid(CASES[0], bodies)
     drawn = oracle.sample(one.problem, 3000, np.random.default_rng(3), first=1500)
     compare(grid, drawn, mean=0.15, sigma=0.12, least=800.0)
@@ -60,9 +69,26 @@ def test_moments_are_those_of_importance_sampling_in_six_dimensions(bodies: Ephe
 @pytest.mark.long
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
 def test_ten_cases_agree_with_importance_sampling(case: Case, bodies: Ephemeris) -> None:
+    """Effective draws, means within 0.05 sigma, sigmas within 2 %."""
     one, grid = laid(case, bodies)
-    drawn = oracle.sample(one.problem, 120_000, np.random.default_rng(5), first=10_000)
+    drawn = oracle.sample_about(one.problem, grid, 30_000, np.random.default_rng(5))
     compare(grid, drawn, mean=0.05, sigma=0.02, least=20_000.0)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("k", [0, 3, 4])
+def test_the_probability_is_that_of_weighed_draws_flown_by_runge_and_kutta(k: int, bodies: Ephemeris) -> None:
+    """Impactors: 0.04, 0.998 and 0.997, within three errors of both."""
+    one, grid = laid(aimed(CASES[k], bodies), bodies)
+    drawn = oracle.sample_about(one.problem, grid, 3000, np.random.default_rng(5))
+    heavy = drawn.w > 1e-7  # the others circle the Earth for a hundred days, and weigh 1e-4 together
+    hit = np.zeros(len(heavy), dtype=np.bool_)
+    hit[heavy] = oracle.falls(one.problem, drawn.x[heavy], one.tracklet.epoch, bodies, 100.0)
+    p = float(drawn.w @ hit)
+    error = float(np.sqrt(np.sum(drawn.w**2 * (hit - p) ** 2)))
+    ours = chance(grid, fall(grid, 100.0, np.random.default_rng(1)))
+    assert p > 0.02
+    assert ours.low - 3.0 * error < p < ours.high + 3.0 * error
 
 
 def compare(grid: Grid, drawn: oracle.Sampled, *, mean: float, sigma: float, least: float) -> None:
