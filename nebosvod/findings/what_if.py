@@ -22,7 +22,7 @@ from nebosvod.estimation.problem.square_root import append_rows, cholesky_rows, 
 from nebosvod.estimation.problem.whitening import projected
 
 Array = npt.NDArray[np.float64]
-MOST_NUMBERS = 160_000  # of measurements kept row by row: 1.7 MB of a page
+MOST_NUMBERS = 140_000  # of measurements kept row by row: 1.5 MB of a page
 MOST_PARAMETERS = 120  # beyond, a page would not answer at once
 Kind = Literal["noise", "prior", "white", "markov"]
 
@@ -79,7 +79,7 @@ def _reason(fit: Fit, problem: LinearProblem, parameters: Sequence[str]) -> str:
         return f"{fit.estimator.method} weighs otherwise than least squares"
     if len(parameters) > MOST_PARAMETERS:
         return f"{len(parameters)} common parameters are more than a page solves at once ({MOST_PARAMETERS})"
-    kept = int(_touched(problem).sum()) * (2 * len(parameters) + 3 * (1 + len(problem.white)))
+    kept = int(_touched(problem).sum()) * (2 * len(parameters) + 1 + 4 * (1 + len(problem.white)))
     kept += sum(len(chain.rows) * _numbers(chain) for chain in problem.markov)
     if kept > MOST_NUMBERS:
         return (

@@ -7,7 +7,7 @@
   const model = JSON.parse(holder.textContent);
   const unpacked = {};
   const array = key => {
-    if (!(key in model.arrays)) return null;
+    if (!(key in model.arrays)) return key.endsWith("_true") ? array(key.slice(0, -5)) : null;  // the truth is as assumed
     if (!unpacked[key]) {
       const text = atob(model.arrays[key].data), bytes = new Uint8Array(text.length);
       for (let i = 0; i < text.length; i++) bytes[i] = text.charCodeAt(i);

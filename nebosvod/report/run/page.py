@@ -50,6 +50,7 @@ def make_report(folder: Path) -> str:
     books = ledger.ledgers(run, main) if main else []
     compared, accuracies = trust.five(run, main) if main else ("", [])
     pictures = _pictures(run, main, visibility.read_visibility(Path(folder)))
+    asked = what_if.sliders(run, main)
     return render(
         "report.html",
         kind="Accuracy report",
@@ -72,8 +73,8 @@ def make_report(folder: Path) -> str:
         helps=[s for s in (advice.plan_sentence(run),) if s],
         mission_text=tables.mission_text(run),
         diagnosis=diagnosis.sentences(run),
-        what_if=what_if.sliders(run, main),
-        scripts=("what_if.js",),
+        what_if=asked,
+        scripts=("what_if.js",) if asked else (),
     )
 
 

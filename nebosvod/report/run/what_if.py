@@ -15,7 +15,7 @@ from nebosvod.results.folder import Item, RunFolder
 from nebosvod.results.outlook import unit_of
 
 SCALED = {"km": "km", "arcsec": "arcsec", "m_s": "m/s", "km_s": "km/s", "s": "s"}  # shown as they are, without prefix
-MOST_BYTES = 2_300_000  # of data in a page; with the rest it stays below 3 MB
+MOST_BYTES = 1_550_000  # of data in a page; with the rest it stays below 3 MB
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,7 +42,7 @@ def sliders(run: RunFolder, main: Item | None) -> Sliders | None:
     number = {name: kept["predictions"].index(name) for name in shown}
     if not shown or f"what_if_shares_{number[shown[0]]}" not in arrays:
         return None
-    if 4 * sum(one.size * 8 for one in arrays.values()) > 3 * MOST_BYTES:
+    if 4 * sum(one.size * 8 for one in _without_twins(arrays).values()) > 3 * MOST_BYTES:
         arrays = {name: one for name, one in arrays.items() if name.startswith("what_if_shares_")}
         kept = {**kept, "reason": "the measurements behind it take more room than a page has"}
     model: dict[str, Any] = {
@@ -81,5 +81,12 @@ def _packed(arrays: dict[str, Any], order: list[int]) -> dict[str, dict[str, Any
             renamed[name] = one
     return {
         name: {"shape": list(one.shape), "data": base64.b64encode(one.astype("<f8").tobytes()).decode()}
-        for name, one in renamed.items()
+        for name, one in _without_twins(renamed).items()
     }
+
+
+def _without_twins(arrays: dict[str, Any]) -> dict[str, Any]:
+    """The arrays but for truths that are as assumed: the script takes the assumption for them."""
+    twins = {name: name.removesuffix("_true") for name in arrays if name.endswith("_true")}
+    same = {name for name, other in twins.items() if np.array_equal(arrays[name], arrays[other])}
+    return {name: one for name, one in arrays.items() if name not in same}
