@@ -78,7 +78,7 @@ def _verdict(found: Item) -> Cell:
     if find is None and found.get("population"):
         return population_words(found["population"])
     if find is None:
-        return _required_words(found) or Markup("{}.").format(count(found["n_points"], "point"))
+        return _required_words(found) or _plain_words(found)
     if not find["found"]:
         return Markup("No point keeps every condition: {}.").format(find["reason"])
     units = {one["name"]: _page_unit(one["unit"]) for one in (*found["vary"], *found["answers"])}
@@ -89,6 +89,21 @@ def _verdict(found: Item) -> Cell:
     least = "least" if find["direction"] == "minimise" else "largest"
     which = "that keeps every condition" if find["where"] else "of all points"
     return Markup("The {} {} {}: {}.").format(least, find["objective"], which, join(values))
+
+
+def _plain_words(found: Item) -> Cell:
+    """What a study that looks for nothing says first: what moves an answer most, or between what it lies."""
+    moved = next((one for one in found["sensitivity"] if one["indices"]), None)
+    if moved is not None:
+        most = max(moved["indices"], key=lambda row: row["total"])
+        return Markup("{} moves {} most: {} of its variance, with all interactions.").format(
+            most["name"], moved["answer"], quantity(most["total"], "", 2)
+        )
+    answer = next((one for one in found["answers"] if not one["shares"] and one["n"]), None)
+    if answer is None:
+        return Markup("{}.").format(count(found["n_points"], "point"))
+    low, high = (quantity(answer[key], _page_unit(answer["unit"]), 4) for key in ("least", "largest"))
+    return Markup("{}: {} to {} at {}.").format(answer["name"], low, high, count(answer["n"], "point"))
 
 
 def _required_words(found: Item) -> Cell | None:
@@ -133,7 +148,7 @@ def _varied(one: Item) -> Cell:
 
 
 def _tiles(found: Item) -> list[tuple[str, Cell]]:
-    tiles: list[tuple[str, Cell]] = [("points", f"{found['n_points']:,}")]
+    tiles: list[tuple[str, Cell]] = [("point" if found["n_points"] == 1 else "points", f"{found['n_points']:,}")]
     if found["draws"]:
         tiles.append(("drawn, each", str(found["draws"])))
     if found["find"]:

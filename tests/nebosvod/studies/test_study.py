@@ -247,6 +247,19 @@ def test_the_page_shows_the_trade_the_front_and_the_blame_with_their_numbers(don
     assert f'data-value="{table["later"].min()!r}"' in page or repr(float(table["later"].min())) in page
 
 
+def test_a_page_without_a_search_says_first_between_what_the_answer_lies(place: Path, tmp_path: Path) -> None:
+    text = f"{TEXT.split('find:')[0]}".replace("[1 d, 3 d]", "[3 d]")
+    found = run_study(
+        load_study_text(text, path=place / "s.yaml"), tmp_path / "o", workers=Workers(count=1),
+        page=lambda result, table: make_study_page(result, table.columns),
+    )  # fmt: skip
+    page = (tmp_path / "o" / "study.html").read_text("utf-8")
+    verdict = page[page.index('id="verdict"') :][:1500]
+    for key in ("least", "largest"):
+        assert f'<data value="{found["answers"][0][key]!r}"' in verdict
+    assert "3 points" in verdict
+
+
 def test_maps_read_in_grey(done: Path) -> None:
     """Luminance (BT.709) falls evenly from the least to the largest value."""
     colours = [_shade(part) for part in np.linspace(0.0, 1.0, 9)]
