@@ -257,7 +257,7 @@ def test_a_page_without_a_search_says_first_between_what_the_answer_lies(place: 
     verdict = page[page.index('id="verdict"') :][:1500]
     for key in ("least", "largest"):
         assert f'<data value="{found["answers"][0][key]!r}"' in verdict
-    assert "3 points" in verdict
+    assert " at 3 points." in verdict.replace("\xa0", " ")
 
 
 def test_maps_read_in_grey(done: Path) -> None:
