@@ -72,6 +72,8 @@ def rewritten(text: str, path: Sequence[Step], value: Tree | Written, name: str 
         problem = before.problems[0]
         raise InputError(f"{name}:{problem.mark.line}:{problem.mark.column}: {problem.text}")
     steps = tuple(path)
+    if not steps:
+        raise InputError("a place in a text is named by its keys")
     wanted = _with(before.tree, steps, scalar(value) if isinstance(value, Written) else value)
     made = _edited(text, steps, value)
     try:

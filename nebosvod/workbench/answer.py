@@ -14,7 +14,8 @@ from nebosvod.findings.prediction import Answered
 from nebosvod.mission import FitMission, Mission
 from nebosvod.observation import Visibility
 from nebosvod.report.kit import facts, wording
-from nebosvod.report.kit.target import TargetView, target_plates
+from nebosvod.report.kit.chart import NARROW
+from nebosvod.report.kit.target import TargetView, target_chart
 from nebosvod.report.run.visibility import COLOURS
 from nebosvod.results import prediction_rows
 from nebosvod.results.outlook import chance_words, event_words
@@ -145,9 +146,9 @@ def _target_plates(mission: Mission, point: Point) -> list[Any]:
     for asked in mission.predictions:
         found = point.prediction(asked.name)
         view = None if found is None else _view(found)
-        if view is not None and len(plates) < 2 * PLANES_SHOWN:
+        if view is not None and len(plates) < PLANES_SHOWN:
             label = f"{asked.name}: {wording.plane_name(asked.plane, view.body)} with the body to scale"
-            plates += target_plates(f"target-{len(plates)}", view, label, Markup("<b>{}</b>").format(asked.name))
+            plates.append(target_chart(f"target-{len(plates)}", view, NARROW).plate(label, Markup(""), ()))
     return plates
 
 

@@ -48,11 +48,12 @@ async function look() {
   $("speed").textContent = "computing";
   try {
     const response = await post("look", {text: text.value}, mine.signal);
-    if (!response.ok) return wrong([{line: null, text: await refusal(response)}], []);
-    for await (const message of lines(response)) {
+    if (!response.ok) wrong([{line: null, text: await refusal(response)}], []);
+    else for await (const message of lines(response)) {
       if (mine !== looking) return;
       take(message);
     }
+    $("speed").dataset.looks = Number($("speed").dataset.looks || 0) + 1;  // that came to their end
   } catch (error) {
     if (error.name !== "AbortError") lost(error);
   }
