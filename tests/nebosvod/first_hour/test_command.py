@@ -172,6 +172,7 @@ def test_a_night_is_answered_object_by_object_and_one_without_an_answer_stops_no
     assert "2014 AA: one observation" in said.err
 
 
+@pytest.mark.long
 def test_what_one_more_observation_would_do_is_told(answer: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Whom it asks is who observed last; chances and quantiles of the probability afterwards are in order."""
     observations = str(answer.parent / "la.obs80")
