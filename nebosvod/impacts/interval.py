@@ -24,17 +24,23 @@ def of_count(hits: int, draws: int, level: float = LEVEL) -> tuple[float, float]
 
 
 def of_weights(weights: Array, hits: npt.NDArray[np.bool_], level: float = LEVEL) -> tuple[float, float, float]:
-    """Probability and interval from weighed draws, by the spread of their products with the hits.
+    """Probability and interval from weighed draws, by the spread of their products with the hits or the misses.
 
-    The interval is symmetric in the logarithm, so that it never reaches 0.
+    The rarer of the two is counted, so that no probability is above 1 by chance; the interval is symmetric in its
+    logarithm, so that it reaches neither 0 nor 1. Without a miss it goes down to the one-sided bound for so many
+    effective draws.
     """
-    product = weights * hits
-    value = float(product.mean())
-    if value == 0.0:
+    if not hits.any():
         return 0.0, 0.0, 1.0
+    if hits.all():
+        return 1.0, float((1.0 - level) ** (1.0 / effective(weights))), 1.0
+    likely = bool(weights[hits].sum() > weights[~hits].sum())
+    product = weights * (~hits if likely else hits)
+    value = float(product.mean())
     relative = float(product.std(ddof=1)) / np.sqrt(len(product)) / value
     factor = float(np.exp(ndtri(0.5 + 0.5 * level) * relative))
-    return value, value / factor, min(value * factor, 1.0)
+    low, high = value / factor, min(value * factor, 1.0)
+    return (1.0 - value, 1.0 - high, 1.0 - low) if likely else (value, low, high)
 
 
 def effective(weights: Array) -> float:

@@ -85,7 +85,7 @@ def by_importance(cloud: Cloud, passage: Passage) -> Way:
     value, low, high = of_weights(cloud.weights, passage.hits)
     hits, number = int(np.count_nonzero(passage.hits)), effective(cloud.weights[passage.hits])
     return Way(
-        name="importance_sampling", probability=min(value, 1.0), low=low, high=high, draws=len(cloud), hits=hits,
+        name="importance_sampling", probability=value, low=low, high=high, draws=len(cloud), hits=hits,
         effective=number, note="" if number >= FEW else f"only {number:.0f} effective hits",
     )  # fmt: skip
 
