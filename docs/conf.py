@@ -1,6 +1,9 @@
 """The documentation as a site: Sphinx, MyST and the furo theme. Build it with `make docs`."""
 
+import os
 import re
+import runpy
+from pathlib import Path
 from typing import Any
 
 from nebosvod.version import __version__
@@ -24,7 +27,8 @@ myst_heading_anchors = 3
 myst_fence_as_directive = ["math"]
 source_suffix = {".md": "markdown"}
 root_doc = "index"
-exclude_patterns = ["site"]
+exclude_patterns = ["site", "made"]
+HERE = Path(__file__).parent
 
 html_theme = "furo"
 html_title = f"nebosvod {version}"
@@ -41,7 +45,7 @@ def _adapt(app: Any, name: str, source: list[str]) -> None:
     """
     source[0] = re.sub(r"(?<!!)\[([^\]]*)\]\(\.\./[^)]*\)", r"\1", source[0])
     if name == root_doc:
-        pages = re.findall(r"\]\((\w[\w-]*)\.md\)", source[0])
+        pages = dict.fromkeys(re.findall(r"\]\((\w[\w-]*)\.md\)", source[0]))
         source[0] += "\n".join(["\n\n```{toctree}", ":hidden:", *pages, "```", ""])
 
 
@@ -84,8 +88,28 @@ def _sentence(app: Any, what: str, name: str, thing: Any, options: Any, lines: l
         lines[:] = _SENTENCES.pop(name)
 
 
+def _pictures(app: Any) -> None:
+    """Run the pages that have pictures, so that each picture is what the code beside it draws.
+
+    NEBOSVOD_PICTURES=none leaves that out and puts the picture of the report in their places, to see links alone.
+    """
+    if app.builder.format != "html":
+        return
+    tool = runpy.run_path(str(HERE.parent / "tools" / "pictures.py"))
+    if os.environ.get("NEBOSVOD_PICTURES") != "none":
+        tool["main"]()
+        return
+    for page in tool["PAGES"]:
+        for name in tool["pictures_of"](HERE / f"{page}.md"):
+            place = tool["MADE"] / name
+            place.parent.mkdir(exist_ok=True)
+            if not place.exists():
+                place.write_bytes((HERE / "report.png").read_bytes())
+
+
 def setup(app: Any) -> None:
     """Sphinx calls this once."""
+    app.connect("builder-inited", _pictures)
     app.connect("source-read", _adapt)
     app.connect("autodoc-process-docstring", _plain, priority=400)  # before napoleon
     app.connect("autodoc-process-docstring", _sentence, priority=600)

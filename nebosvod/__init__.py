@@ -11,7 +11,7 @@ from nebosvod.borders.moved import listen
 from nebosvod.version import __version__
 
 if TYPE_CHECKING:
-    from nebosvod.mission import Mission, load_mission
+    from nebosvod.mission import Mission, list_missions, load_mission, load_mission_text
     from nebosvod.notebook.answer import Alert, Approaches, Fit, Result, Risk, Sky
     from nebosvod.notebook.campaigns import Comparison, Decision, Plan, Study, Validation
     from nebosvod.notebook.verbs import (
@@ -57,7 +57,9 @@ __all__ = [
     "ephemeris",
     "fit",
     "fit_every",
+    "list_missions",
     "load_mission",
+    "load_mission_text",
     "plan",
     "read_orbit",
     "risk",
@@ -67,7 +69,7 @@ __all__ = [
 ]
 
 _HOME = {
-    **dict.fromkeys(("Mission", "load_mission"), "nebosvod.mission"),
+    **dict.fromkeys(("Mission", "list_missions", "load_mission", "load_mission_text"), "nebosvod.mission"),
     **dict.fromkeys(("Alert", "Approaches", "Fit", "Result", "Risk", "Sky"), "nebosvod.notebook.answer"),
     **dict.fromkeys(("Comparison", "Decision", "Plan", "Study", "Validation"), "nebosvod.notebook.campaigns"),
     **dict.fromkeys(

@@ -3,6 +3,7 @@
 import contextlib
 import io
 import json
+import os
 import re
 import runpy
 import shlex
@@ -23,6 +24,7 @@ import nebosvod.observation
 from nebosvod import load_mission
 from nebosvod.cli import main
 from nebosvod.mission import mission_schema
+from nebosvod.notebook.plots import FitPlots
 from nebosvod.results.result import Result
 
 ROOT = Path(__file__).parent.parent
@@ -153,6 +155,7 @@ def minimal_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_every_relative_link_leads_to_a_file(page: Path) -> None:
     targets = [target for target in LINK.findall(page.read_text("utf-8")) if "://" not in target]
+    targets = [target for target in targets if not target.startswith("made/")]  # by code of the page, see below
     missing = [target for target in targets if not (page.parent / target.partition("#")[0]).exists()]
     assert missing == []
 
@@ -192,7 +195,32 @@ def test_the_reference_of_keys_is_the_one_the_schema_gives() -> None:
     assert tool["page"](mission_schema()) == tool["PAGE"].read_text("utf-8"), "run `make schema`"
 
 
+PICTURES = runpy.run_path(str(ROOT / "tools" / "pictures.py"))
+
+
+@pytest.mark.parametrize("name", PICTURES["PAGES"])
+def test_the_code_of_a_page_with_pictures_runs_prints_what_it_shows_and_draws_them(name: str, tmp_path: Path) -> None:
+    page = ROOT / "docs" / f"{name}.md"
+    PICTURES["follow"](page, tmp_path)
+    wanted = PICTURES["pictures_of"](page)
+    assert wanted
+    assert [picture for picture in wanted if not (tmp_path / picture).read_bytes().startswith(b"\x89PNG")] == []
+
+
+def test_every_page_with_made_pictures_is_run_for_them() -> None:
+    shown = {page.stem for page in (ROOT / "docs").glob("*.md") if PICTURES["pictures_of"](page)}
+    assert shown == set(PICTURES["PAGES"])
+
+
+def test_every_kind_of_figure_stands_in_the_gallery() -> None:
+    """Those of a run and a fit by the method that draws them, wherever in gallery and cookbook."""
+    code = "".join((ROOT / "docs" / f"{name}.md").read_text("utf-8") for name in ("gallery", "cookbook"))
+    names = {name for name in dir(FitPlots) if not name.startswith("_")} - {"names", "every"}
+    assert {name for name in names if f".plot.{name}()" not in code} == set()
+
+
 def test_the_site_is_made_without_a_warning(tmp_path: Path) -> None:
+    """Pictures are made by the tests above."""
     made = subprocess.run(
         [
             sys.executable,
@@ -209,6 +237,7 @@ def test_the_site_is_made_without_a_warning(tmp_path: Path) -> None:
         capture_output=True,
         text=True,
         check=False,
+        env={**os.environ, "NEBOSVOD_PICTURES": "none"},
     )
     assert made.returncode == 0, made.stderr
     page = (tmp_path / "site" / "index.html").read_text("utf-8")
@@ -242,9 +271,9 @@ def test_the_report_page_names_every_key_array_and_table_of_a_run(minimal_run: P
     assert sorted(key for key in keys if f"`{key}" not in page) == []
 
 
-def test_the_picture_of_the_report_is_small_enough_for_a_front_page() -> None:
-    size = (ROOT / "docs" / "report.png").stat().st_size
-    assert 10_000 < size < 300_000
+def test_pictures_of_front_pages_are_small() -> None:
+    for name in ("report.png", "pictures/overview.png"):
+        assert 10_000 < (ROOT / "docs" / name).stat().st_size < 300_000
 
 
 def test_shapes_said_of_the_arrays_are_theirs(minimal_run: Path) -> None:

@@ -1,6 +1,7 @@
 """How loops are compiled: handed to numba, with the machine code kept on disk beside the sources."""
 
 import inspect
+import os
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -41,6 +42,13 @@ def compiled(function: Function, stamp: str = "", cache: bool = True, **options:
 def plain_loop(function: Callable[..., Any]) -> Any:
     """Compile a loop over small matrices, as plain Python would compute it: it may make arrays."""
     return compiled(function, _nrt=True, error_model="python", nogil=False)
+
+
+def kept(folder: Path) -> bool:
+    """Whether machine code of functions in a folder is kept already, beside them or where NUMBA_CACHE_DIR says."""
+    named = os.environ.get("NUMBA_CACHE_DIR")
+    places = [folder / "__pycache__", *([Path(named)] if named else [])]
+    return any(True for place in places for _ in place.rglob("*.nbi"))
 
 
 _told: list[str] = []

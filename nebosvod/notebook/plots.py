@@ -170,7 +170,9 @@ class FitPlots(RunPlots):
 
     def stations(self) -> PageFigure:
         """How well each station measured."""
-        return self._first([fit_figures.station_plate(list(self._run.summary["fit"]["stations"]))], "no stations")
+        return self._first(
+            [fit_figures.station_plate(list(self._run.summary["fit"]["stations"]))], "no two stations to compare"
+        )
 
     def correlation(self) -> PageFigure:
         """Correlations of the orbital elements."""

@@ -23,7 +23,7 @@ Array = npt.NDArray[np.float64]
 class Share:
     """What one source contributes to a variance.
 
-    Attributes
+    Parameters
     ----------
     share : part of the variance, 0 to 1; sigma : root of its part.
     if_vanished, if_halved : the whole sigma that would remain, the estimator being told of it; None where not known.
@@ -37,10 +37,10 @@ class Share:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Prediction:
+class Predicted:
     """One prediction of one estimator.
 
-    Attributes
+    Parameters
     ----------
     status : "answered", or why there is none, told by `reason`; numbers are None then.
     epoch : of the prediction; for an encounter its time.
@@ -69,7 +69,7 @@ class Prediction:
 
     def __repr__(self) -> str:
         size = "" if self.semi_axes is None else f": {short(self.semi_axes)}"
-        return f"<Prediction {self.name}, {self.plane}, by {self.estimator}{size or ': ' + self.status}>"
+        return f"<Predicted {self.name}, {self.plane}, by {self.estimator}{size or ': ' + self.status}>"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -83,10 +83,10 @@ class Known:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Estimate:
+class OrbitEstimate:
     """The orbit that one estimator found, at the reference epoch.
 
-    Attributes
+    Parameters
     ----------
     position, velocity : (3,) heliocentric, ICRF; None where there is no solution.
     covariance : (6, 6) in km and km/s, true; covariance_formal : as the estimator reports.
@@ -113,14 +113,14 @@ class Estimate:
 
     def __repr__(self) -> str:
         size = "" if self.sigma_position is None else f", position to {short(self.sigma_position)}"
-        return f"<Estimate {self.name}: {self.status}{size}>"
+        return f"<OrbitEstimate {self.name}: {self.status}{size}>"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Summary:
     """What a run or a fit found; `summary.json` with types.
 
-    Attributes
+    Parameters
     ----------
     estimates : in the mission's order; predictions : of all of them.
     warnings : sentences on what is doubtful.
@@ -131,11 +131,11 @@ class Summary:
     reference_epoch: Time
     n_observations: int
     telescopes: tuple[str, ...]
-    estimates: tuple[Estimate, ...]
-    predictions: tuple[Prediction, ...]
+    estimates: tuple[OrbitEstimate, ...]
+    predictions: tuple[Predicted, ...]
     warnings: tuple[str, ...]
 
-    def prediction(self, name: str, estimator: str | None = None) -> Prediction:
+    def prediction(self, name: str, estimator: str | None = None) -> Predicted:
         """The prediction of a name, of the first estimator that has it unless one is named.
 
         Raises
@@ -212,13 +212,13 @@ def _shares(rows: Iterable[Item], part: str, key: str, unit: str) -> tuple[Share
     return tuple(sorted(made, key=lambda one: (-one.share, one.source)))
 
 
-def _prediction(row: Item) -> Prediction:
+def _prediction(row: Item) -> Predicted:
     """One row of `predictions`."""
     unit = unit_of(row)
     covariance = matrix_of(row, f"covariance_{unit}2", f"factor_{unit}")
     drawn = row.get("impact_probability_monte_carlo") or {}
     angle = row.get("angle_deg")
-    return Prediction(
+    return Predicted(
         name=row["name"],
         estimator=row["estimator"],
         plane=row["plane"],
@@ -246,11 +246,11 @@ def _known(name: str, row: Item) -> Known:
     return Known(name=name.removesuffix(f"_{ending}"), **made)
 
 
-def _estimate(row: Item, budget: Iterable[Item]) -> Estimate:
+def _estimate(row: Item, budget: Iterable[Item]) -> OrbitEstimate:
     """One row of `estimators`."""
     state = row.get("state_km_km_s")
     mine = [one for one in budget if one["estimator"] == row["name"]]
-    return Estimate(
+    return OrbitEstimate(
         name=row["name"],
         method=row["method"],
         status=row["status"],

@@ -8,19 +8,21 @@ what it refuses raises `nebosvod.errors.InputError`, which names the parameter.
 import re
 import tempfile
 import time
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from functools import wraps
+from functools import cache, wraps
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
-from nebosvod import pipeline
+from nebosvod import dynamics, pipeline
+from nebosvod.borders.compiled import kept
 from nebosvod.borders.quantities import duration_s, is_moment, is_quantity
 from nebosvod.commands import alert_made, alert_work, fit_work, orbit_work, plan_decide
 from nebosvod.commands.orbit_work import Coordinates
 from nebosvod.commands.plan import planned
 from nebosvod.commands.workers import workers_from
-from nebosvod.errors import InputError, NebosvodError
+from nebosvod.errors import InputError, NebosvodError, NebosvodNotice
 from nebosvod.mission import FitMission, Mission, load_mission
 from nebosvod.mission.editing import plain
 from nebosvod.mission.slugs import slug
@@ -53,6 +55,7 @@ def _spoken(function: Callable[P, R]) -> Callable[P, R]:
 
     @wraps(function)
     def called(*args: P.args, **kwargs: P.kwargs) -> R:
+        _tell_of_compiling()
         try:
             return function(*args, **kwargs)
         except NebosvodError as error:
@@ -62,6 +65,14 @@ def _spoken(function: Callable[P, R]) -> Callable[P, R]:
             raise
 
     return called
+
+
+@cache
+def _tell_of_compiling() -> None:
+    """Say once why the first answer of a new installation takes long."""
+    if not kept(Path(dynamics.__file__).parent):
+        words = "the first run compiles the numerical kernels, once: half a minute to some minutes; later ones do not"
+        warnings.warn(words, NebosvodNotice, stacklevel=4)
 
 
 def _parameter(option: re.Match[str]) -> str:
@@ -111,7 +122,7 @@ def run(
     >>> import nebosvod
     >>> result = nebosvod.run("minimal")
     >>> result.typed.estimates[0]
-    <Estimate batch: converged, position to 16.89 km>
+    <OrbitEstimate batch: converged, position to 16.89 km>
     """
     found = Result(pipeline.run(_mission(mission), seed=seed, progress=progress, nominal=nominal))
     return _kept(found, output, overwrite)

@@ -5,13 +5,17 @@ import importlib
 import inspect
 import subprocess
 import sys
+from pathlib import Path
 from typing import Any
 
 import click
 import pytest
 
 import nebosvod
+from nebosvod.borders.compiled import kept
 from nebosvod.cli import VERBS, app
+from nebosvod.errors import InputError, NebosvodNotice
+from nebosvod.notebook import verbs
 
 WANTED = (
     "run", "fit", "validate", "plan", "compare", "study", "risk", "alert", "ephemeris", "approaches", "load_mission",
@@ -69,3 +73,20 @@ def test_examples_of_the_docstrings_run(module: str) -> None:
 @pytest.mark.parametrize("name", [name for name in nebosvod.__all__ if name != "__version__"])
 def test_every_public_name_says_what_it_is(name: str) -> None:
     assert len(inspect.getdoc(getattr(nebosvod, name)) or "") > 20
+
+
+def test_a_new_installation_says_once_that_it_compiles(tmp_path: Path) -> None:
+    """A first run without a word takes a minute and more."""
+    assert not kept(tmp_path)
+    (tmp_path / "__pycache__").mkdir()
+    (tmp_path / "__pycache__" / "propagation.step-1.py311.nbi").write_bytes(b"")
+    assert kept(tmp_path)
+
+
+def test_the_notice_stands_where_the_kernels_are_not_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(verbs, "kept", lambda folder: False)
+    verbs._tell_of_compiling.cache_clear()
+    with pytest.warns(NebosvodNotice, match="compiles the numerical kernels, once"), pytest.raises(InputError):
+        nebosvod.run("no such mission")
+    with pytest.raises(InputError):
+        nebosvod.run("no such mission")
