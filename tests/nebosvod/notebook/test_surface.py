@@ -25,7 +25,7 @@ NEW_NAMES = {"with_history": "history", "with_decision": "decide", "folders": "a
 ONLY_TYPED = {  # what is for a terminal, or has a method or function of its own: .report(), .typed, fit_every
     "as_json", "ecsv", "page", "split", "suggest", "only_check",
 }  # fmt: skip
-NO_FUNCTION = {"check", "elements", "init", "missions", "report", "schema"}
+NO_FUNCTION = {"check", "elements", "init", "missions", "open", "report", "schema"}
 
 
 def test_names_are_listed_and_nothing_heavy_is_loaded_for_it() -> None:
