@@ -6,13 +6,14 @@ from pathlib import Path
 
 import click
 
+from nebosvod.commands import completion
 from nebosvod.errors import DataError
 
 INSTALL = "pip install 'nebosvod[page]'"
 
 
 @click.command()
-@click.argument("mission")
+@click.argument("mission", shell_complete=completion.missions)
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="Run folder [default: ./<mission name>-run].")
 @click.option("--port", type=click.IntRange(0, 65535), default=0, help="Port of 127.0.0.1 [default: a free one].")
 @click.option("--browser/--no-browser", default=True, help="Show the page in a browser, where there is a desktop.")

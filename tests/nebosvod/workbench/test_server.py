@@ -80,7 +80,7 @@ def test_what_is_posted_is_held_to_what_the_address_takes(served: Served) -> Non
         assert asked(served, "POST", place(served, "run"), body, **JSON, origin=served.origin)[0] == 400
 
 
-def test_a_port_that_is_taken_is_told_and_one_that_is_named_is_used(tmp_path: Path) -> None:
+def test_a_port_that_is_taken_is_told_and_one_that_is_named_is_used_until_a_signal(tmp_path: Path) -> None:
     (tmp_path / "desk.yaml").write_text(MISSION, "utf-8")
     with socket.socket() as other:
         other.bind(("127.0.0.1", 0))
@@ -91,7 +91,13 @@ def test_a_port_that_is_taken_is_told_and_one_that_is_named_is_used(tmp_path: Pa
         assert done.stderr.startswith(f"error: port {port}: Address already in use; give another --port")
     served = opened(tmp_path, "desk.yaml", "--port", str(port))
     assert served.origin == f"http://127.0.0.1:{port}"
-    ended(served, signal.SIGTERM)
+    body = json.dumps({"verb": "run", "slug": "desk", "mark": Desk(str(served.file)).mark(), "overwrite": False})
+    host = served.origin.removeprefix("http://")
+    connection = http.client.HTTPConnection(host, timeout=60)
+    connection.request("POST", place(served, "run"), body, {**JSON, "origin": served.origin})
+    assert json.loads(connection.getresponse().readline())["step"] == "running"
+    ended(served, signal.SIGTERM)  # a run goes on: it ends with the server, and nothing is left of it
+    connection.close()
     assert [path.name for path in tmp_path.iterdir()] == ["desk.yaml"]
 
 
