@@ -189,7 +189,7 @@ def chance(grid: Grid, falls: Falls, prior: str = HEADLINE, body: str = "earth")
         mass, square = float(there.sum()), float(np.sum(there**2))
         high = mass * of_count(0, max(int(mass**2 / square), 1))[1] if square > 0.0 else 0.0
         return Chance(probability=0.0, low=0.0, high=min(high + LEFT_OUT, 1.0), hits=0, bound=True)
-    p = float(w @ hit)
+    p = min(float(w @ hit), 1.0)
     guess, drawn = _of_cells(grid, falls, hit), np.maximum(np.bincount(cell, minlength=m), 1)
     guess = np.where(np.bincount(cell, falls.flown, m) > 0, guess, 0.0)  # nobody of these comes near
     variance = float(np.sum(np.bincount(cell, w, m) ** 2 * guess * (1.0 - guess) / drawn))
