@@ -70,6 +70,7 @@ class _Process:
             try:
                 said = self._pipe.recv_bytes()
             except (EOFError, OSError):
+                self._process.join(2.0)  # it closes its end before it has ended, and its exit code is to be told
                 said = None
             with suppress(RuntimeError):  # the loop is closed: nobody waits for anything any more
                 self._loop.call_soon_threadsafe(self._said.put_nowait, said)

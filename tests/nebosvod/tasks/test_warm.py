@@ -52,7 +52,7 @@ def test_what_nobody_waits_for_is_ended_and_the_next_is_served_at_once(tmp_path:
             started = time.monotonic()
             second = await all_of(warm, "b")
             assert second[0]["process"] != busy
-            assert time.monotonic() - started < 20.0  # 60 s would it sleep
+            assert time.monotonic() - started < 40.0  # 60 s would it sleep
             with pytest.raises(WorkerError, match="exit code 9"):
                 await all_of(warm, "die")
             assert (await all_of(warm, "c"))[1] == {"done": "c"}
