@@ -9,15 +9,16 @@ from markupsafe import Markup
 from nebosvod.estimation.accuracy.formed import matrix_of
 from nebosvod.report.kit.chart import Chart
 from nebosvod.report.kit.download import csv
+from nebosvod.report.kit.edge import at_edge
 from nebosvod.report.kit.plate import BLUE, GREY, INK, VERMILION, Plate, thin
 from nebosvod.report.kit.scale import calendar, linear, named
-from nebosvod.report.kit.wording import NBSP, count, number, quantity
+from nebosvod.report.kit.wording import NBSP, count, number, quantity, signed
 from nebosvod.results.folder import Array, Item, RunFolder
 from nebosvod.timescale import SECONDS_PER_DAY
 from nebosvod.units import ARCSEC
 
 Flags = npt.NDArray[np.bool_]
-REACH = 1.25  # of the largest selected residual: what lies beyond is drawn at the edge
+REACH = 1.25  # of the largest selected residual: what lies beyond stands at the edge with its value
 STATIONS = 24  # drawn; the table has them all
 REJECTED: dict[str, Any] = {"color": VERMILION, "size": 3.4}
 SELECTED: dict[str, Any] = {"color": BLUE, "size": 2.6, "opacity": 0.75}
@@ -39,7 +40,7 @@ def _reach(v: Array, chosen: Flags) -> float:
 
 
 def _over_time(run: RunFolder, v: Array, t: Array, chosen: Flags) -> Plate:
-    """RA* above, Dec below; rejected ones in red, at the edge where they lie beyond it."""
+    """RA* above, Dec below; rejected ones in red, those off the axis as arrowheads with their value."""
     reach, dates = _reach(v, chosen), calendar(run.epoch, t)
     chart = Chart("residuals", height=330.0)
     days = t / SECONDS_PER_DAY
@@ -54,11 +55,13 @@ def _over_time(run: RunFolder, v: Array, t: Array, chosen: Flags) -> Plate:
         few = np.flatnonzero(chosen)[thin(int(chosen.sum()))]
         panel.dots(days[few], v[few, row], "o", f"selected, {part}", **SELECTED)
         out = np.flatnonzero(~chosen)[thin(int((~chosen).sum()))]
-        panel.dots(days[out], np.clip(v[out, row], -reach, reach), "v", f"rejected, {part}", **REJECTED)
+        far = np.abs(v[out, row]) > reach
+        panel.dots(days[out][~far], v[out, row][~far], "v", f"rejected, {part}", **REJECTED)
         panel.close()
+        at_edge(panel, days[out], v[out, row], [signed(one) for one in v[out, row]], VERMILION)
     entries: list[tuple[str, str, dict[str, Any]]] = [("o", "selected", SELECTED)]
     if (~chosen).any():
-        entries.append(("v", "rejected (at the edge where beyond it)", REJECTED))
+        entries.append(("v", "rejected (arrowhead: off the axis, with its value)", REJECTED))
     chart.height = chart.legend(entries, 322.0, 52.0)
     rms = np.sqrt(np.mean(v[chosen] ** 2, axis=0)) if chosen.any() else np.zeros(2)
     caption = Markup(
@@ -94,13 +97,17 @@ def _on_the_sky(v: Array, chosen: Flags) -> Plate:
     inside = ~chosen & (np.abs(v) <= reach).all(axis=1)
     panel.dots(v[inside, 0], v[inside, 1], "v", "rejected", **REJECTED)
     panel.close()
+    out = v[np.flatnonzero(~chosen)[thin(int((~chosen).sum()))]]
+    at_edge(panel, out[:, 0], out[:, 1], [f"{signed(a)}, {signed(b)}" for a, b in out], VERMILION)
     beyond = int((~chosen & ~inside).sum())
     mean = v[chosen].mean(axis=0) if chosen.any() else np.zeros(2)
     caption = Markup("The same on the sky, east to the left. Mean of the selected: {} and {}.").format(
         quantity(float(mean[0]), "arcsec"), quantity(float(mean[1]), "arcsec")
     )
     if beyond:
-        caption += Markup(" {} rejected lie outside the picture.").format(beyond)
+        caption += Markup(" {} rejected off the picture: arrowheads at its edge, RA cos Dec and Dec beside.").format(
+            beyond
+        )
     return chart.plate("Residuals on the sky", caption)
 
 

@@ -14,15 +14,17 @@ from markupsafe import Markup
 
 from nebosvod.report.kit.chart import CHARACTER, NARROW, WIDE, Chart, Panel, fitted
 from nebosvod.report.kit.download import Download, csv
+from nebosvod.report.kit.edge import at_edge, off_axes
 from nebosvod.report.kit.outline import ANGLES, outline
 from nebosvod.report.kit.plate import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, VERMILION, Plate, thin
 from nebosvod.report.kit.scale import Scale, linear
-from nebosvod.report.kit.wording import count
+from nebosvod.report.kit.wording import count, number
 
 Array = npt.NDArray[np.float64]
 Box = tuple[float, float, float, float]  # low and high of x, low and high of y, km
 LEFT, RIGHT, TALLEST = 62.0, 13.0, 380.0  # px
 FAR = 6.0  # an ellipse (3 sigma) so many times larger or smaller than the disc needs a second figure
+FEW = 20  # drawn orbits off a picture that are shown at its edge; more of them are counted in words alone
 FEWEST_PX = 2.0  # a capture circle smaller than this is a dot
 DISC, RING = "#cfd8e3", "#4a5a6a"
 LEVELS = (1.0, 3.0)
@@ -182,7 +184,22 @@ def _picture(
         _frame(panel, frame, factor, width)
     panel.unclip()
     panel.close()
+    _beyond(panel, view, factor)
     return shown, top + tall + 34.0
+
+
+def _beyond(panel: Panel, view: TargetView, factor: float) -> None:
+    """The nominal orbit where it lies off the picture, and a few drawn orbits: at the edge, with their values."""
+    unit = panel.x.label.rpartition(", ")[2]
+
+    def at(points: Array) -> list[str]:
+        return [f"{number(factor * x, 4)}, {number(factor * y, 4)} {unit}" for x, y in points]
+
+    few = view.points[off_axes(panel, *(factor * view.points.T))] if len(view.points) else np.empty((0, 2))
+    if 0 < len(few) <= FEW:
+        at_edge(panel, *(factor * few.T), at(few), GREY, most=3)
+    if view.centre is not None:
+        at_edge(panel, *(factor * view.centre[:, None]), [f"nominal orbit: {at(view.centre[None])[0]}"])
 
 
 Entry = tuple[str, str, dict[str, Any]]

@@ -91,6 +91,11 @@ def number(value: float, digits: int = 3) -> str:
     return f"{sign}{mantissa}{NBSP}{TIMES}{NBSP}10{str(exponent).translate(SUPERSCRIPT)}"
 
 
+def signed(value: float, digits: int = 3) -> str:
+    """A number with its sign, whichever it is."""
+    return ("+" if value > 0.0 else "") + number(value, digits)
+
+
 def scale_of(value: float, unit: str) -> tuple[float, str]:
     """Factor and unit in which a value of a file's unit reads best."""
     for least, factor, text in LADDER.get(unit, ()):
