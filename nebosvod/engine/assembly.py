@@ -160,7 +160,7 @@ def left_aside(estimator: Estimator, observation: Observation) -> npt.NDArray[np
 def nuisance_treatment(scene: Scene, estimator: Estimator, name: str) -> Treatment:
     """What an estimator does with the source of this name; nothing where it takes no telescope that has it."""
     source = scene.sources[name]
-    if not any(estimator.takes(telescope) for telescope in source.telescopes):
+    if source.telescopes and not any(estimator.takes(telescope) for telescope in source.telescopes):
         return "fixed"
     return scene.mission.source_treatment(estimator, source)
 

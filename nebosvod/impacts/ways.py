@@ -101,7 +101,7 @@ def recommended(ways: Sequence[Way]) -> tuple[str, str]:
     """
     by_name = {way.name: way for way in ways}
     plain, weighed = by_name["sampling"], by_name.get("importance_sampling")
-    sharp = weighed is not None and _relative(plain) < 1.5 * _relative(weighed)
+    sharp = weighed is not None and (plain.hits == plain.draws or _relative(plain) < 1.5 * _relative(weighed))
     if plain.hits >= ENOUGH or weighed is None or weighed.effective < FEW or sharp:
         best, why = plain, f"{plain.hits} of {plain.draws} drawn orbits hit, and it assumes nothing but the covariance"
         if plain.hits < FEW and plain.hits < plain.draws:

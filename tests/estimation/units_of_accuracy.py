@@ -24,6 +24,7 @@ from nebosvod.estimation.accuracy import (
     preposterior,
     recursive_residuals,
     repeated,
+    reweighed,
     score,
     target_map,
     variance_components,
@@ -95,7 +96,7 @@ def future_probabilities(units):
     }
 
 
-@case("refined.refine", "refined.NuisanceEstimate")
+@case("refined.refine", "refined.response", "refined.NuisanceEstimate")
 def refined(units):
     out: dict[str, Any] = {}
     for z in ("white", "markov"):
@@ -109,6 +110,8 @@ def refined(units):
             f"{z} P": found.covariance / np.outer(units.z, units.z),
             f"{z} cross": found.cross / own[:, None] / units.z,
         }
+        gain = nuisance.response(given_problem, name, sources.measurement_gain(given_problem))
+        out[f"{z} gain"] = gain * units.m / units.z[:, None, None]
     return out
 
 
@@ -159,6 +162,15 @@ def innovations(units):
     bare = problem(units, n=30, state_prior="none")
     some = batch.solve(subset.subset(problem(units, z="markov"), np.arange(20) % 3 > 0))
     return {"formal": formal, "true": true, "first": repeated.first_determined(bare)} | numbers(some, units)
+
+
+@case("reweighed.responses", "reweighed.Response", "reweighed.scaled")
+def responses(units):
+    given_problem = problem(units, treatments=MIXED, z="both", truth=True, state_prior="own")
+    found = batch.solve(given_problem)
+    told = reweighed.responses(given_problem, found, found.names, batch.solve)
+    assert len(told) > 3
+    return {f"{source} {part}": getattr(one, part) for source, one in told.items() for part in ("shift", "growth")}
 
 
 @case(

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 import nebosvod
+from nebosvod import pipeline
 from nebosvod.cli import main
 from nebosvod.errors import InputError
 from nebosvod.mission import load_mission
@@ -51,7 +52,7 @@ def test_a_mission_is_loaded_from_a_path(value: Any) -> None:
 @pytest.mark.parametrize(
     ("name", "call"),
     [
-        ("run", nebosvod.run),
+        ("run", pipeline.run),
         ("plan", lambda mission: plan(mission, Wish(prediction="encounter"))),
         ("validate", lambda mission: validate(mission, Path("nowhere"), runs=50)),
     ],
