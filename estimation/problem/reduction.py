@@ -9,7 +9,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from nebosvod.borders.compiled import FASTMATH, compiled
+from nebosvod.borders.compiled import FASTMATH, compiled_when_called
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
@@ -53,7 +53,7 @@ def solved(triangle: Array, weakest: float) -> tuple[Array, float]:
 
 def _reordering(function):  # type: ignore[no-untyped-def]
     """Compile with sums in any order, so that they run in the lanes of the processor: no compensated sum is here."""
-    return compiled(function, fastmath=FASTMATH | {"reassoc"})
+    return compiled_when_called(function, fastmath=FASTMATH | {"reassoc"})
 
 
 @_reordering

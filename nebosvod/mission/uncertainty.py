@@ -445,18 +445,30 @@ class Photocentre(Uncertain):
         return self.sigma is not None
 
 
+MOST_INTERVALS = 100  # of process noise; 200 took a run to minutes
+AT_MOST_100 = Field(json_schema_extra={"maximum": MOST_INTERVALS})  # told below with its reason
+
+
 class ProcessNoise(Block):
     """White accelerations of the object that no force model has; they let its velocity walk."""
 
     velocity: PositiveSpeed = Field(description="Sigma of the change of velocity on each axis in the time `over`")
     over: PositiveDuration
-    intervals: Annotated[int, Field(ge=3, le=200, description="Of constant acceleration, over the measurements")] = 24
+    intervals: Annotated[
+        int, AT_MOST_100, Field(ge=3, description="Of constant acceleration, over the measurements")
+    ] = 24
     treatment: Treatment
     true: TrueProcessNoise | None = Field(None, description="What it really is, where that is not as assumed")
 
     def complaints(self) -> list[Complaint]:
-        """A twin stands beside something uncertain."""
-        return twin_complaints(self.true, True, self.treatment)
+        """A twin stands beside something uncertain, and a run ends within a minute or so."""
+        found = twin_complaints(self.true, True, self.treatment)
+        if self.intervals > MOST_INTERVALS:
+            why = "each adds three parameters, and the time of a run grows as their cube: 24 are enough for most arcs"
+            found.append(
+                (("intervals",), f"is out of range (got {self.intervals}; allowed {MOST_INTERVALS} or less); {why}")
+            )
+        return found
 
     @property
     def density_km2_s3(self) -> float:

@@ -5,7 +5,17 @@ import subprocess
 import sys
 
 CHEAPEST = "import numpy, scipy.linalg"
-OTHERS = ("astropy", "matplotlib", "pydantic", "jplephem", "jinja2", "scipy.stats", "scipy.optimize", "scipy.sparse")
+OTHERS = (
+    "astropy",
+    "matplotlib",
+    "pydantic",
+    "jplephem",
+    "jinja2",
+    "scipy.stats",
+    "scipy.optimize",
+    "scipy.sparse",
+    "numba",
+)
 
 
 def cpu_s(code: str) -> float:
@@ -19,9 +29,9 @@ def cpu_s(code: str) -> float:
     return min(times)
 
 
-def test_it_takes_less_than_three_times_numpy_and_its_linear_algebra() -> None:
-    """Below 0.6 s where these take 0.2 s; the ratio is the same on a slower machine."""
-    assert cpu_s("import nebosvod.estimation") < 3.0 * cpu_s(CHEAPEST)
+def test_it_takes_less_than_twice_numpy_and_its_linear_algebra() -> None:
+    """0.4 s where these take 0.28 s; the ratio is the same on a slower machine. The first loop loads the compiler."""
+    assert cpu_s("import nebosvod.estimation") < 2.0 * cpu_s(CHEAPEST)
 
 
 def test_it_loads_neither_astronomy_nor_pictures_nor_forms() -> None:

@@ -12,6 +12,7 @@ from nebosvod.engine.evaluation import quantity
 from nebosvod.engine.fitting import fit
 from nebosvod.engine.montecarlo import repeat
 from nebosvod.engine.quantity import known_partials
+from nebosvod.errors import InputError
 from nebosvod.mission import Mission, load_mission_text
 from nebosvod.observation import ProcessNoise, Reach
 from nebosvod.pipeline import run
@@ -168,3 +169,16 @@ def test_a_filter_knows_the_state_after_its_last_measurement_as_a_prediction_for
     without = batch.predict(asked.partials[:, :6], STATE_NAMES).sigma
     assert np.max(np.abs(without / sigma - 1.0)) > 0.01  # or the test could not tell
     assert path.solution is not None
+
+
+def test_more_intervals_than_a_run_can_bear_are_refused_with_the_reason(minimal: Mission) -> None:
+    """Three parameters each, solved densely: 200 intervals took minutes."""
+    assert made(minimal, "estimated").object.process_noise is not None
+    text = minimal.text.replace(
+        "telescopes:\n", NOISE.replace("T}", "estimated}").replace("24", "101") + "telescopes:\n", 1
+    )
+    with pytest.raises(
+        InputError, match=r"process_noise\.intervals: is out of range \(got 101; allowed 100 or less\); .*cube"
+    ):
+        load_mission_text(text)
+    load_mission_text(text.replace("intervals: 101", "intervals: 100"))
