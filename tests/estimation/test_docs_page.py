@@ -52,6 +52,16 @@ def test_the_page_needs_numpy_and_this_package_alone():
     assert "_" not in {name.partition(".")[2][:1] for name in re.findall(r"\w+\._\w+", code)}
 
 
+def test_the_modules_and_the_examples_of_the_last_section_exist():
+    rest = PAGE.read_text("utf-8").partition("## Where the rest is")[2]
+    rows = re.findall(r"^\| `(nebosvod[\w.]+)` \| (.+?) \|", rest, re.MULTILINE)
+    named = [(package, name) for package, names in rows for name in re.findall(r"`(\w+)`", names)]
+    assert len(named) > 25
+    assert [name for name in named if importlib.util.find_spec(".".join(name)) is None] == []
+    shown = set(re.findall(r"`(\w+\.py)`", rest))
+    assert shown == {path.name for path in (PAGE.parents[1] / "examples").glob("*.py")}
+
+
 def test_the_sigmas_shown_are_those_of_the_closed_formulas(session):
     """Normal equations with the offset as a third column, and without it plus what the offset does to the answer."""
     _, names = session
