@@ -126,6 +126,15 @@ def _rejected(n: int) -> str:
     return f"{count(n, 'observation')} {'was rejected,' if n == 1 else 'were rejected, each'} with its chi below."
 
 
+def _largest(budget: list[Item], n: int) -> str:
+    """Which single sources weigh most, where the kind named first has several."""
+    if n == 1:
+        return ""
+    few = [row for row in sorted(budget, key=lambda row: -row["share_position"]) if row["share_position"] >= 0.01][:3]
+    named = join(f"{row['source']} {100.0 * row['share_position']:.0f} %" for row in few)
+    return f"; the largest: {named}" if few else ""
+
+
 def _of_stations(kind: str, n: int) -> str:
     """`bias (60 stations)`."""
     return f"{kind} ({count(n, 'station')})"
@@ -163,7 +172,12 @@ def _answers(run: RunFolder, fit: Item) -> list[tuple[str, list[Cell]]]:
         text = join(
             f"{kind if n == 1 else _of_stations(kind, n)} {100.0 * share:.0f} %" for kind, share, n in kinds[:3]
         )
-        said.append(("What is to blame for the position sigma", [Markup("{} of its variance.").format(text)]))
+        said.append(
+            (
+                "What is to blame for the position sigma",
+                [Markup("{} of its variance{}.").format(text, _largest(budget, kinds[0][2]))],
+            )
+        )
     bent = nonlinearity_sentence(run, run.estimators[0]) if run.predictions() else None
     if bent is not None:
         said.append(("Can the ellipses be believed", [bent]))

@@ -1,5 +1,8 @@
 """Tables of a fit's page."""
 
+import math
+import re
+
 from markupsafe import Markup
 
 from nebosvod.errors import counted
@@ -9,6 +12,8 @@ from nebosvod.results.condensed import condensed, foremost, without
 from nebosvod.results.folder import Item
 
 MOST = 10  # sources, and numbers of stations, by themselves
+FULL_NIGHT = re.compile(r", sqrt\((\d+)/(\d+)\)$")  # end of a rule: n observations of a night, more than so many
+WIDENED = ", and by what they are widened where one station has more observations in a night than the rule counts"
 REJECTED = 60  # shown; residuals.ecsv has them all
 ELEMENTS = (
     ("a_au", "semi-major axis a", "au"), ("e", "eccentricity e", ""), ("q_au", "perihelion distance q", "au"),
@@ -121,9 +126,23 @@ def rejected(fit: Item) -> Table | None:
 
 
 def weights(fit: Item) -> Table:
-    """Which rules gave the weights."""
-    rows: tuple[tuple[Cell, ...], ...] = tuple((rule, str(n)) for rule, n in fit["weights"].items())
-    return Table(caption="Where the sigmas came from", head=("rule", "observations"), align="lr", rows=rows)
+    """Which rules gave the weights; one row for a rule, however full the nights were that it widens."""
+    found: dict[str, list[tuple[int, float]]] = {}
+    for rule, n in fit["weights"].items():
+        full = FULL_NIGHT.search(rule)
+        factor = math.sqrt(int(full[1]) / int(full[2])) if full else 1.0
+        found.setdefault(FULL_NIGHT.sub("", rule), []).append((int(n), factor))
+    widened = any(factor != 1.0 for parts in found.values() for _, factor in parts)
+    rows: list[tuple[Cell, ...]] = []
+    for rule, parts in sorted(found.items(), key=lambda item: -sum(n for n, _ in item[1])):
+        low, high = (f"{pick(factor for _, factor in parts):.3g}" for pick in (min, max))
+        span = low if low == high else f"{low} to {high}"
+        rows.append((rule, str(sum(n for n, _ in parts)), *([span] if widened else [])))
+    return Table(
+        caption="Where the sigmas came from" + (WIDENED if widened else ""),
+        head=("rule", "observations", *(["sigmas times"] if widened else [])),
+        align="lrr" if widened else "lr", rows=tuple(rows),
+    )  # fmt: skip
 
 
 def budget(rows: list[Item], stations: list[str]) -> Table | None:

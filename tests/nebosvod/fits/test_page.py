@@ -10,6 +10,7 @@ import pytest
 
 from nebosvod.cli import main
 from nebosvod.report.fit.page import doubt, make_fit_report
+from nebosvod.report.fit.tables import weights
 
 DATA = Path(__file__).resolve().parents[3].parent / "shared" / "data" / "observations"
 needs_data = pytest.mark.skipif(not DATA.is_dir(), reason="the folder of reference observations is not here")
@@ -77,3 +78,21 @@ def test_the_terminal_says_it_beside_the_number(run: Path, capsys: pytest.Captur
     assert "not to be believed" in lines["far"]
     assert "not to be believed" not in lines["soon"]
     assert "not to be believed" not in lines["there"]
+
+
+def test_rules_of_the_weights_take_one_row_each_however_full_the_nights() -> None:
+    told = weights({"weights": {"V17: VID": 3, "V17: CCD, sqrt(16/4)": 16, "V17: CCD": 10, "V17: CCD, sqrt(9/4)": 45}})
+    assert told.rows == (("V17: CCD", "71", "1 to 2"), ("V17: VID", "3", "1"))
+    assert told.head == ("rule", "observations", "sigmas times")
+    plain = weights({"weights": {"V17: VID": 3, "given": 5}})  # nothing is widened: nothing is said of it
+    assert plain.rows == (("given", "5"), ("V17: VID", "3"))
+    assert "night" not in str(plain.caption)
+
+
+@needs_data
+def test_the_answer_names_the_stations_that_weigh_most(run: Path) -> None:
+    budget = json.loads((run / "summary.json").read_text("utf-8"))["budget"]
+    first = max(budget, key=lambda row: row["share_position"])
+    said = re.search(r"of its variance; the largest: ([^.]+)\.", (run / "report.html").read_text("utf-8"))
+    assert said is not None
+    assert said[1].startswith(f"{first['source']} {100 * first['share_position']:.0f} %")
