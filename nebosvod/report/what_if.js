@@ -495,7 +495,7 @@
     ellipse(is, scale, { fill: "#0072b2", "fill-opacity": 0.18, stroke: "#0072b2", "stroke-width": 1.8 });
     const power = 10 ** Math.floor(Math.log10(80 / scale)), length = [5, 2, 1].map(k => k * power).find(v => v * scale <= 80);
     svg.append(draw("path", { d: `M20 228h${length * scale}M20 224v8M${20 + length * scale} 224v8`, stroke: "#1a1a1a", fill: "none" }));
-    const words = [[24 + length * scale + 4, 232, "start", `${number(length)} ${prediction.unit}`], [284, 114, "start", prediction.axes[0]], [164, 14, "start", prediction.axes[1]]];
+    const words = [[24 + length * scale + 4, 232, "start", `${number(length)} ${prediction.unit}`], [...(prediction.axes[0].length > 4 ? [318, 103, "end"] : [284, 114, "start"]), prediction.axes[0]], [164, 14, "start", prediction.axes[1]]];
     for (const [x, y, anchor, text] of words) { const t = draw("text", { x, y, "text-anchor": anchor }); t.textContent = text; svg.append(t); }
     svg.setAttribute("aria-label", `Ellipse of ${prediction.name} now and what if`);
     caption.textContent = `1σ ellipse of ${prediction.name} (${prediction.plane}): dashed now, ${was.axes.map(a => number(a, 3)).join(" × ")} ${prediction.unit}; blue what if, ${is.axes.map(a => number(a, 3)).join(" × ")} ${prediction.unit}.`;

@@ -30,7 +30,7 @@ from nebosvod.report.kit.drawing import pieces
 from nebosvod.report.kit.gathered import gather_plate
 from nebosvod.report.kit.hatch import plain
 from nebosvod.report.kit.plate import GREY, INK, Plate
-from nebosvod.report.kit.scale import Scale
+from nebosvod.report.kit.scale import TICK_CHARACTER, Scale
 
 Array = npt.NDArray[np.float64]
 WIDTH = 440.0  # of a figure beside its caption; on a phone it keeps a size that can be read, and scrolls
@@ -40,7 +40,7 @@ SHEET = 1200.0  # height on which is drawn: the legend, which comes last, tells 
 GRID = "#e4e4e4"
 Box = tuple[float, float, float, float]  # left, top, width, height, px
 Make = Callable[[Transform], Artist]  # an artist for where pixels are
-CHARACTER = 6.1  # mean width of a character of axis text, px
+CHARACTER = TICK_CHARACTER  # mean width of a character of axis text, px
 PIXELS = Affine2D([[1.0, 0.0, 0.0], [0.0, -1.0, SHEET], [0.0, 0.0, 1.0]])  # matplotlib counts from the lower left
 MARKERS: Mapping[str, tuple[str, float]] = {  # shape, and its size in px for marks of size 3
     "o": ("o", 3.0), "s": ("s", 2.6), "^": ("^", 4.2), "v": ("v", 4.2), "D": ("D", 3.4), "P": ("+", 5.0),

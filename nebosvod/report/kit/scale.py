@@ -12,6 +12,7 @@ from nebosvod.report.kit.wording import SUPERSCRIPT, number
 from nebosvod.timescale import SECONDS_PER_DAY, Epoch
 
 Array = npt.NDArray[np.float64]
+TICK_CHARACTER = 6.1  # mean width of a character of a tick text, px
 FEW_DECADES = 1.7  # a logarithmic axis shorter than this names 1, 2 and 5, a longer one its decades
 
 
@@ -33,6 +34,19 @@ class Scale:
     def silenced(self) -> "Scale":
         """The same axis without texts, for a panel beside or above one that has them."""
         return replace(self, ticks=tuple((value, "") for value, _ in self.ticks), silent=True)
+
+    def within(self, wide: float, before: float, behind: float) -> "Scale":
+        """The same axis without the tick texts that would stick out of a panel, `wide` px, by more than so many px.
+
+        One that would then have none keeps all.
+        """
+
+        def fits(value: float, text: str) -> bool:
+            place, half = wide * float(self.part(np.array(value))), 0.5 * TICK_CHARACTER * len(text)
+            return place - half >= -before and place + half <= wide + behind
+
+        kept = tuple((value, text) for value, text in self.ticks if fits(value, text))
+        return replace(self, ticks=kept or self.ticks)
 
     def reversed(self) -> "Scale":
         """The same axis from high to low."""

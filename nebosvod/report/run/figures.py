@@ -17,6 +17,7 @@ from nebosvod.units import ARCSEC
 UNDETERMINED_KM = 1.495978707e6  # 0.01 au: a larger position sigma says only that the orbit is not determined yet
 MANY = 30  # from so many measurements on, a root mean square says something of the noise model
 FORMAL: dict[str, Any] = {"stroke": VERMILION, "stroke_width": 1.4, "stroke_dasharray": "5 3"}
+RESIDUALS_WIDE = 182.0  # px of a panel; two stand side by side
 MOST = 600  # dots of one telescope in one panel: more cannot be told apart
 
 
@@ -122,7 +123,7 @@ def residuals(run: RunFolder, estimator: Item) -> Plate | None:
     reach = float(known.max()) * 1.04 or 1.0
     unit, factor = ("mas", 1e3) if reach < 0.1 else ("arcsec", 1.0)
     y = linear([-factor * reach, factor * reach], f"residual, {unit}", pad=0.0, most=4)
-    dates = calendar(run.epoch, t, most=2.6)
+    dates = calendar(run.epoch, t, most=2.6).within(RESIDUALS_WIDE, 10.0, 4.0)
     chart = Chart("residuals", height=42.0 + 112.0 * len(seen))
     for row, i in enumerate(seen):
         mine = np.flatnonzero(index == i)
@@ -138,7 +139,7 @@ def residuals(run: RunFolder, estimator: Item) -> Plate | None:
                 top=18.0 + 112.0 * row,
                 bottom=108.0 + 112.0 * row,
                 left=left,
-                right=left + 182.0,
+                right=left + RESIDUALS_WIDE,
                 title=f"{run.telescopes[i]}, {part}",
             )
             days = t[mine] / SECONDS_PER_DAY

@@ -91,3 +91,12 @@ def test_sources_of_a_kind_share_a_colour_and_telescopes_differ() -> None:
     assert [kind_of(name) for name in names] == kinds
     assert len({COLOUR[kind] for kind in kinds}) == len(kinds)
     assert patterns().count("<pattern ") == len(HATCH)
+
+
+def test_tick_texts_that_would_stick_out_of_a_narrow_panel_are_left_out() -> None:
+    dates = scale.Scale(
+        kind="time", low=0.0, high=100.0, label="date", ticks=((2.0, "2029-03-02"), (50.0, "2029-04-01"), (96.0, "x"))
+    )
+    assert [text for _, text in dates.within(182.0, 10.0, 4.0).ticks] == ["2029-04-01", "x"]
+    alone = scale.Scale(kind="time", low=0.0, high=100.0, label="date", ticks=((2.0, "2029-03-02"),))
+    assert alone.within(182.0, 10.0, 4.0).ticks == alone.ticks
