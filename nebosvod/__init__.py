@@ -1,5 +1,13 @@
 """nebosvod: orbit determination of asteroids watched by space telescopes.
 
+    result = nebosvod.run("soda-like")  # or a file; list_missions() names what is built in
+    result                              # in a notebook: the verdict, the key figures and a picture
+    result.plot.target_plane()          # `result.plot.` and Tab: every figure
+    result.typed, result.tables         # numbers with units and moments
+    result.save(); result.report()      # the run folder; its page
+
+Each command has its function here: run, fit, validate, plan, compare, study, risk, alert, ephemeris, approaches.
+
 Importing this package loads nothing heavy; each name comes when first used.
 """
 

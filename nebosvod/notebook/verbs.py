@@ -84,6 +84,11 @@ def _text(value: Any) -> Any:
     return plain(value) if is_quantity(value) or is_moment(value) or duration_s(value) is not None else value
 
 
+def _several(named: str | Sequence[str]) -> tuple[str, ...]:
+    """Names, of which one need not be a list."""
+    return (named,) if isinstance(named, str) else tuple(named)
+
+
 def _quiet(line: str) -> None:
     """Nobody listens."""
 
@@ -148,6 +153,8 @@ def fit(
     designations : of the one object to fit, where files hold several; several names are joined.
     since, until : leave out observations before, and at and after these moments (text is UTC).
     export : make the orbit for other programs too, as files of the saved folder.
+    output : also write the answer to this folder; overwrite : replace an earlier one there.
+    progress : called with one line of text at each stage.
 
     Returns
     -------
@@ -179,6 +186,10 @@ def fit_every(
 ) -> dict[str, Fit | NebosvodError]:
     """Fit every object of some files by itself, as `nebosvod fit --split`; trouble with one does not stop the others.
 
+    Parameters
+    ----------
+    files, since, until, export : as of `fit`.
+
     Returns
     -------
     dict
@@ -192,8 +203,7 @@ def fit_every(
 def _to_fit(files: Any, designations: str | Sequence[str], since: Any, until: Any) -> FitMission:
     """The fit that the parameters say."""
     named = [str(files)] if isinstance(files, str | Path) else [str(one) for one in files]
-    names = (designations,) if isinstance(designations, str) else tuple(designations)
-    return fit_work.resolved(named, names, _text(since), _text(until))
+    return fit_work.resolved(named, _several(designations), _text(since), _text(until))
 
 
 @_spoken
@@ -214,10 +224,13 @@ def validate(
 
     Parameters
     ----------
+    mission : a mission, its file, or the name of a built-in one.
     runs : simulated truths; more add to those that the folder has.
     output : folder that keeps the campaign; `./NAME-validation` by default.
-    workers, scheduler, cluster : who computes; one process for each processor by default.
-    full : iterate every estimate: slower, tests linearity.
+    workers : processes, or jobs of a cluster; one for each processor by default.
+    scheduler, cluster : a dask scheduler that runs, "tcp://HOST:8786"; or "slurm", to start workers as its jobs.
+    seed : of the simulated truths; full : iterate every estimate: slower, tests linearity.
+    overwrite : replace another campaign in the folder.
     progress : called with the runs that are done and all runs.
 
     Raises
@@ -248,11 +261,11 @@ def plan(
     step: Any = None,
     exposures: int = 1,
     spacing: Any = None,
-    visit_time: Sequence[str] = (),
+    visit_time: str | Sequence[str] = (),
     decide: bool = False,
     until: Any = None,
     bodies: str = "earth,moon",
-    telescope: Sequence[str] = (),
+    telescope: str | Sequence[str] = (),
     sigma: Any = None,
     draws: int = 20_000,
     truths: int = 2000,
@@ -266,8 +279,17 @@ def plan(
     ----------
     mission : a mission, its file or name; with `decide` an orbit, as for `risk`.
     prediction : its name; the first encounter, or first, by default.
+    visits : how many to schedule; exposures : of each; spacing : from one of them to the next.
+    estimator : its name; the first by default.
+    criterion : "a" (root trace), "d" (area, volume), "minimax" (worst correlation of errors) or "guaranteed" (each
+        error within 3 sigma).
     start, end, step : candidate epochs; those of the mission's schedule by default.
-    until, bodies, telescope, sigma, draws, truths, seed, below, above : of `decide`; see `nebosvod plan --help`.
+    visit_time : that a visit takes, "2 h" or 'TELESCOPE="30 min"'; 1 h by default.
+    decide : foresee the probability that the orbit hits after each candidate visit; what follows belongs to it.
+    until : last date of an impact; bodies : what may be hit, with commas between them.
+    telescope : who may observe: codes, MISSION.yaml:NAME, a spacecraft's file; sigma : of one no mission describes.
+    draws : orbits of the cloud; truths : simulated of each visit; seed : of both.
+    below, above : probabilities that would clear it (a tenth of now by default) and confirm it (midway from now to 1).
 
     Raises
     ------
@@ -277,8 +299,8 @@ def plan(
     said = {
         "prediction": prediction, "visits": visits, "estimator": estimator, "criterion": criterion,
         "start": _text(start), "end": _text(end), "step": _text(step), "exposures": exposures,
-        "spacing": _text(spacing), "visit_time": tuple(visit_time), "until": _text(until), "bodies": bodies,
-        "telescope": (telescope,) if isinstance(telescope, str) else tuple(telescope), "sigma": _text(sigma),
+        "spacing": _text(spacing), "visit_time": _several(visit_time), "until": _text(until), "bodies": bodies,
+        "telescope": _several(telescope), "sigma": _text(sigma),
         "draws": draws, "truths": truths, "seed": seed, "below": below, "above": above,
     }  # fmt: skip
     if not decide:
@@ -331,9 +353,11 @@ def study(
 
     Parameters
     ----------
+    file : of the study, or one that is read.
     output : folder that keeps the study; `./NAME-study` by default. An interrupted study goes on there.
-    resume : refuse to begin a new one.
-    workers, scheduler, cluster : who computes; one process for each processor by default.
+    resume : refuse to begin a new one; overwrite : replace another study in the folder.
+    workers, scheduler, cluster : who computes, as of `validate`.
+    parquet : write the table as Parquet, not ECSV.
     progress : called with the rows that are done and all rows.
 
     Raises
@@ -372,9 +396,15 @@ def risk(
     Parameters
     ----------
     orbit : with a covariance: a fit or a run, its folder, an orbit file of others, a mission with a prior orbit.
-    until : last moment (text is UTC); on : from when the years of the Palermo scale count.
+    until : last moment (text is UTC).
+    bodies : what may be hit: planets and moon, with commas between them.
+    on : from when the years of the Palermo scale count; the last observation by default.
+    draws : orbits of the plain sampling; seed : of them.
+    coordinates : in which the uncertainty is an ellipsoid.
     diameter : of the object, from H by default; density : kg/m3, 2600 by default.
     history : also how it came, of the folder of a fit.
+    output : also write the answer to this folder; overwrite : replace an earlier one there.
+    progress : called with one line of text at each stage.
 
     Raises
     ------
@@ -399,8 +429,8 @@ def alert(
     within: Any = "100 d",
     unbound: bool = False,
     smallest: Any = "0.3 m",
-    sites: Sequence[str] = (),
-    by: Sequence[str] = (),
+    sites: str | Sequence[str] = (),
+    by: str | Sequence[str] = (),
     hours: str = "1,3,6,12,24",
     history: bool = False,
     decide: bool = False,
@@ -414,8 +444,15 @@ def alert(
     Parameters
     ----------
     files : of observations, one settings file with a fit block, or a mission whose measurements are simulated.
+    designations, since, until : which observations, as of `fit`.
     within : in which time an impact counts; smallest : diameter of the smallest object that counts.
-    sites : where to look next from; hours : after the last observation, with commas between them.
+    unbound : count orbits that are not bound to the Sun as well.
+    sites : where to look next from; who observed last by default. hours : after the last observation, with commas.
+    by : of a mission: count the measurements of these telescopes alone.
+    history : also after each observation; decide : also which of the next ones would settle it.
+    seed : of the random draws.
+    output : also write the answer to this folder; overwrite : replace an earlier one there.
+    progress : called with one line of text at each stage.
 
     Raises
     ------
@@ -424,12 +461,11 @@ def alert(
     """
     started = time.time()
     named = [str(files)] if isinstance(files, str | Path) else [str(one) for one in files]
-    names = (designations,) if isinstance(designations, str) else tuple(designations)
     asked = alert_made.Asked.of(
-        within=_text(within), bound=not unbound, smallest=_text(smallest), sites=tuple(sites), by=tuple(by),
+        within=_text(within), bound=not unbound, smallest=_text(smallest), sites=_several(sites), by=_several(by),
         hours=hours, seed=seed, history=history, decide=decide,
     )  # fmt: skip
-    found = alert_work.found_for(named, names, _text(since), _text(until), asked, progress or _quiet)
+    found = alert_work.found_for(named, _several(designations), _text(since), _text(until), asked, progress or _quiet)
     bodies = found.alert.tracklet.forces.ephemeris
     return _kept(Alert(alert_result(found.summary, found.alert, bodies, named[0], started)), output, overwrite)
 
@@ -452,6 +488,7 @@ def ephemeris(
     orbit : with a covariance, as for `risk`.
     since, until : first and last time of reception (text is UTC); step : from one to the next.
     site : who looks: an observatory code (500: geocentre), MISSION.yaml:TELESCOPE, or a spacecraft's .oem or .bsp.
+    output : also write the answer to this folder; overwrite : replace an earlier one there.
 
     Raises
     ------
@@ -487,6 +524,8 @@ def approaches(
     ----------
     orbit : with a covariance, as for `risk`.
     since, until : first and last moment (text is UTC); within : only nearer than this.
+    output : also write the answer to this folder; overwrite : replace an earlier one there.
+    progress : called with one line of text at each stage.
 
     Raises
     ------

@@ -3,6 +3,7 @@
 import doctest
 import importlib
 import inspect
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -73,6 +74,14 @@ def test_examples_of_the_docstrings_run(module: str) -> None:
 @pytest.mark.parametrize("name", [name for name in nebosvod.__all__ if name != "__version__"])
 def test_every_public_name_says_what_it_is(name: str) -> None:
     assert len(inspect.getdoc(getattr(nebosvod, name)) or "") > 20
+
+
+@pytest.mark.parametrize("name", sorted({*VERBS, "fit_every"} - NO_FUNCTION))
+def test_every_parameter_of_a_function_is_described(name: str) -> None:
+    function = getattr(nebosvod, name)
+    lines = (inspect.getdoc(function) or "").partition("Parameters\n----------\n")[2].partition("\n\n")[0]
+    said = set(re.findall(r"[a-z_]+", " ".join(re.findall(r"((?:[a-z_]+, )*[a-z_]+) :", lines))))
+    assert set(inspect.signature(function).parameters) == said
 
 
 def test_a_new_installation_says_once_that_it_compiles(tmp_path: Path) -> None:
