@@ -9,6 +9,7 @@ from markupsafe import Markup
 from nebosvod.report.kit.base import render
 from nebosvod.report.kit.chart import NARROW, Chart
 from nebosvod.report.kit.download import csv
+from nebosvod.report.kit.edge import below
 from nebosvod.report.kit.plate import SERIES, Plate, thin
 from nebosvod.report.kit.scale import Scale, calendar, linear, logarithmic, named
 from nebosvod.report.kit.wording import DASH, join, moment, quantity
@@ -188,8 +189,12 @@ def _ranges(
     panel.open()
     for i, (low, value, top) in enumerate(ranges):
         color, marker = SERIES[i % len(SERIES)]
-        panel.line([max(low, x.low), top], [-float(i)] * 2, stroke=color, stroke_width=1.8)
-        panel.dots([max(value, x.low)], [-float(i)], marker, labels[i], color=color, size=5.0)
+        if top > x.low:
+            panel.line([max(low, x.low), top], [-float(i)] * 2, stroke=color, stroke_width=1.8)
+        if value < x.low:
+            below(panel, -float(i), f"{value:.3g}", color)
+        else:
+            panel.dots([value], [-float(i)], marker, labels[i], color=color, size=5.0)
     panel.close()
     columns = {"folder": [*labels], **{k: [one[j] for one in ranges] for j, k in enumerate(("low", "value", "high"))}}
     caption = Markup("<b>{}</b>: {}.").format(name[:1].upper() + name[1:], label)

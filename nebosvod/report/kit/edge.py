@@ -42,6 +42,14 @@ def at_edge(panel: Panel, x: Array, y: Array, said: Sequence[str], color: str = 
     return len(beyond)
 
 
+def below(panel: Panel, y: float, said: str, color: str = INK) -> None:
+    """An arrowhead at the left edge in the row of y: for 0 on a logarithmic axis, which has no place for it."""
+    low, high = panel.x.low, panel.x.high
+    at_edge(
+        panel, np.array([low * low / high if panel.x.kind == "log" else 2.0 * low - high]), np.array([y]), [said], color
+    )
+
+
 def _arrowhead(panel: Panel, tip: Array, outwards: Array, tell: str, color: str) -> None:
     """A filled triangle whose tip touches the edge."""
     along = outwards / np.hypot(*outwards)

@@ -11,6 +11,7 @@ from nebosvod.dynamics.surface import SURFACE_KM
 from nebosvod.report.kit.chart import NARROW, Chart
 from nebosvod.report.kit.coastlines import on_land
 from nebosvod.report.kit.download import csv
+from nebosvod.report.kit.edge import below
 from nebosvod.report.kit.ground import reached
 from nebosvod.report.kit.outline import covariance_of, outline
 from nebosvod.report.kit.plate import BLUE, GREY, INK, SERIES, VERMILION, Plate, thin
@@ -139,13 +140,16 @@ def ways_plate(row: Item) -> Plate:
     for i, way in enumerate(ways):
         best = way["way"] == row["recommended"]
         color, y = (VERMILION if best else BLUE), -float(i)
-        low = max(factor * way["low"], x.low)
-        panel.line([low, factor * way["high"]], [y, y], stroke=color, stroke_width=3.0 if best else 1.6)
+        low, top = max(factor * way["low"], x.low), factor * way["high"]
+        if top > x.low:
+            panel.line([low, top], [y, y], stroke=color, stroke_width=3.0 if best else 1.6)
         if way["bound"]:
             panel.dots([factor * way["high"]], [y], "|", way_name(way["way"]), color=color)
+        elif factor * way["probability"] < x.low:
+            below(panel, y, number(factor * way["probability"]), color)
         else:
             name = f"{way_name(way['way'])}{', recommended' if best else ''}"
-            panel.dots([max(factor * way["probability"], x.low)], [y], "o", name, color=color, size=5.0)
+            panel.dots([factor * way["probability"]], [y], "o", name, color=color, size=5.0)
     panel.close()
     keys = ("way", "probability", "low", "high", "draws", "hits", "effective_hits")
     caption = Markup("The probability by each way with its 95 % interval; <b>{}</b> is the one to go by: {}.").format(

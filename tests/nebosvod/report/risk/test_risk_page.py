@@ -17,7 +17,7 @@ import pytest
 from nebosvod.borders.shape import require_shape, schema_file
 from nebosvod.cli import main
 from nebosvod.report.risk.draws import draws_of, is_weighed
-from nebosvod.report.risk.figures import by_weight, plane_plates
+from nebosvod.report.risk.figures import by_weight, plane_plates, ways_plate
 from nebosvod.report.risk.page import make_risk_page
 from nebosvod.report.risk.words import agreement, chance, headline
 from nebosvod.results.folder import SCHEMAS
@@ -199,6 +199,22 @@ def test_hostile_names_are_text(make_risk_folder: Callable[..., Path], tmp_path:
     assert "alert(1)</script>" not in page
     assert "&lt;script&gt;alert(1)" in page
     assert "49" not in plain(page).split("alert(1)")[1][:30]
+
+
+def test_a_probability_of_nought_stands_at_the_edge_of_a_logarithmic_axis() -> None:
+    """Warnings are errors here: the logarithm of nought is never asked for."""
+    found = (("linear", 0.0, 0.0), ("line_of_variations", 2.2e-8, 2.2e-8), ("sampling", None, 3e-4))
+    ways = [
+        {"way": name, "probability": p, "low": p or 0.0, "high": high, "bound": p is None, "draws": 10_000, "hits": 0,
+         "effective_hits": 0.0, "note": None}
+        for name, p, high in found
+    ]  # fmt: skip
+    row = {"number": 0, "body": "earth", "epoch_utc": "2046-02-14T21:41:03 UTC", "ways": ways, "reason": "so",
+           "recommended": "line_of_variations"}  # fmt: skip
+    svg = str(ways_plate(row).svg)
+    assert 'data-x="log ' in svg
+    assert re.findall(r"<title>([^<]+)</title>", svg) == ["0"]
+    assert not re.search(r"(?i)\bnan\b|inf\b", svg)
 
 
 def test_without_a_hit_the_answer_is_a_bound(make_risk_folder: Callable[..., Path], tmp_path: Path) -> None:
