@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import math
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -57,8 +58,9 @@ class Plan:
 
     def words(self) -> str:
         """In a sentence."""
+        rows = "1 row" if self.rows == 1 else f"{self.rows:,} rows"
         return (
-            f"{self.rows:,} rows at {1e3 * self.point_s:.3g} ms each: about {duration_words(self.time_s)}, "
+            f"{rows} at {1e3 * self.point_s:.3g} ms each: about {duration_words(self.time_s)}, "
             f"{size_words(self.disk_bytes)} on disk"
         )
 
@@ -101,7 +103,8 @@ def plan(study: Study, workers: int, trials: int = 3) -> Plan:
         raise errors[0]
     each = float(np.mean(spent))
     width = 24.0 * (len(study.axes) + 2 * len(study.answers)) + 60.0
-    return Plan(rows=study.rows, point_s=each, time_s=study.rows * each / workers, disk_bytes=study.rows * width)
+    time_s = each * math.ceil(study.rows / workers)
+    return Plan(rows=study.rows, point_s=each, time_s=time_s, disk_bytes=study.rows * width)
 
 
 def require_possible(study: Study, workers: int) -> None:

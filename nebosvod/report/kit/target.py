@@ -32,7 +32,7 @@ LEVELS = (1.0, 3.0)
 FATES: Mapping[str, tuple[str, str, str]] = {
     "hit": ("o", VERMILION, "drawn, hits"),
     "miss": ("x", BLUE, "drawn, misses"),
-    "graze": ("^", ORANGE, "drawn, grazes the atmosphere"),
+    "graze": ("^", ORANGE, "drawn, below 100 km and away"),
     "other": ("D", PURPLE, "drawn, hits another body"),
     "unknown": ("s", GREY, "drawn"),
 }

@@ -175,9 +175,10 @@ def corridor_table(row: Item, arrays: Arrays, epoch_tdb: str) -> Table | None:
 
 
 def level_table(row: Item) -> Table | None:
-    """Entry at 100 km and impact on the ground: mean time, middle place, ellipse or why there is none, speed, angle."""
+    """Entry at 100 km, of the Earth alone, and impact: mean time, middle place, ellipse or why none, speed, angle."""
+    names = {"entry_100_km": "100 km", "ground": "the ground"} if row["body"] == "earth" else {"ground": "the surface"}
     levels = [
-        (name, level) for name, key in (("100 km", "entry_100_km"), ("the ground", "ground"))
+        (name, level) for key, name in names.items()
         if (level := (row.get("corridor") or {}).get(key)) is not None
     ]  # fmt: skip
     if not levels:

@@ -200,6 +200,13 @@ def test_check_says_what_it_means_and_what_it_costs(place: Path, capsys: pytest.
     assert not (place / "noise-and-cadence-study").exists()
 
 
+def test_one_row_is_no_faster_on_many_workers(place: Path) -> None:
+    text = TEXT.replace("0.01 arcsec .. 1 arcsec, log: 3", "[0.1 arcsec]").replace("[1 d, 3 d]", "[1 d]")
+    found = plan(load_study_text(text, path=place / "one.yaml"), 8)
+    assert found.time_s == pytest.approx(found.point_s)
+    assert found.words().startswith("1 row at ")
+
+
 def test_too_many_points_are_refused_with_what_they_would_cost(place: Path, tmp_path: Path) -> None:
     axis = "{set: telescopes.*.noise.sigma, values: 1 mas .. 1 arcsec, log: 10000}"
     values = ", ".join(f"x{k}: {axis}" for k in range(3))

@@ -16,9 +16,11 @@ import pytest
 
 from nebosvod.borders.shape import require_shape, schema_file
 from nebosvod.cli import main
+from nebosvod.commands.risk_answer import print_risk
 from nebosvod.report.risk.draws import draws_of, is_weighed
 from nebosvod.report.risk.figures import by_weight, plane_plates, ways_plate
 from nebosvod.report.risk.page import make_risk_page
+from nebosvod.report.risk.tables import level_table
 from nebosvod.report.risk.words import agreement, chance, headline
 from nebosvod.results.folder import SCHEMAS
 
@@ -169,6 +171,37 @@ def test_the_corridor_stands_on_a_map_and_in_a_table_by_time(risk_folder: Path, 
     assert f"{abs(east):.2f}° {'E' if east > 0 else 'W'}, {arrays['latitude_deg'][first]:.2f}° N" in table
     when = datetime(2026, 6, 21) + timedelta(seconds=float(arrays["hit_t_s"][first]) - 69.184)  # TDB - UTC
     assert any(f"{when + timedelta(seconds=k):%Y-%m-%d %H:%M:%S}" in table for k in (0, 1))  # rounded, not cut
+
+
+def test_an_entry_at_100_km_is_told_of_the_earth_alone() -> None:
+    one = {
+        "epoch_utc": "2032-12-22T15:18:26 UTC", "sigma_time_s": 54.3, "longitude_deg": None, "latitude_deg": None,
+        "no_ellipse": "of the Earth alone", "semi_major_km": None, "semi_minor_km": None, "angle_from_east_deg": None,
+        "speed_km_s": 14.1, "below_horizon_deg": 40.6,
+    }  # fmt: skip
+    told = {}
+    for body in ("earth", "moon"):
+        table = level_table({"body": body, "corridor": {"entry_100_km": one, "ground": one}})
+        assert table is not None
+        told[body] = [row[0] for row in table.rows]
+    assert told == {"earth": ["100 km", "the ground"], "moon": ["the surface"]}
+
+
+def test_long_lengths_are_written_out_on_a_terminal(
+    summary: dict[str, Any], capsys: pytest.CaptureFixture[str]
+) -> None:
+    first = summary["virtual_impactors"][0] | {
+        "sigmas": 0.5,
+        "stretching_km": 98581.7,
+        "budget": None,
+        "no_budget": "unknown",
+    }
+    orbit = summary["orbit"] | {"sigma_position_km": 19705.2}
+    print_risk(summary | {"orbit": orbit, "virtual_impactors": [first], "history": None}, None)
+    said = capsys.readouterr().out
+    assert "position known to 19,710 km (1 sigma" in said
+    assert "one moves it by 98,580 km" in said
+    assert "e+0" not in said
 
 
 def test_the_budget_the_ways_and_the_history_are_there(page: str, summary: dict[str, Any]) -> None:
