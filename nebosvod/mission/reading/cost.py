@@ -19,6 +19,7 @@ MAX_FULL_GAINS = 2000  # measurements of which the response of each to each is k
 _ROW_BYTES_MEMORY = 6000.0  # partials, whitened rows and factors of one measurement, several copies
 _ROW_BYTES_DISK = 1200.0  # arrays.npz and the tables
 _ROW_S = 60e-6  # trajectory, partials and one estimator
+_SHOCKS_S = 2.5e-5  # by the cube of the intervals of process noise: 72 of them take 10 s
 _START_S = 2.6  # imports, kernels, report
 _ACCURACY_S, _ACCURACY_ROW_S = 0.15, 150e-6  # curves, requirements, comparison of one prediction; its share by row
 _MOST_ROWS = 2000  # beyond so many those searches are thinned or left out
@@ -61,6 +62,7 @@ def estimate_cost(mission: Mission) -> Cost:
     iterated = runs * (1 + count) * (_ITERATED_S + rows * _ITERATED_ROW_S)
     steps = flight.steps(mission)
     rest = _START_S + 4.0 * steps * _ONE_STEP_S + rows * _ROW_S * (1 + count) + _predicting_s(mission, rows, runs)
+    rest += count * _shocks_s(mission)
     return Cost(
         n_observations=rows,
         n_runs=runs,
@@ -69,6 +71,12 @@ def estimate_cost(mission: Mission) -> Cost:
         time_s=rest + linear,
         time_iterated_s=rest + (iterated if runs else linear),
     )
+
+
+def _shocks_s(mission: Mission) -> float:
+    """Process noise for one estimator: three parameters an interval, in solutions that are dense in them."""
+    noise = mission.object.process_noise
+    return 0.0 if noise is None or noise.treatment == "fixed" else _SHOCKS_S * noise.intervals**3
 
 
 def _predicting_s(mission: Mission, rows: int, runs: int) -> float:
