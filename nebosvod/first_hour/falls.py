@@ -193,24 +193,38 @@ def chance(grid: Grid, falls: Falls, prior: str = HEADLINE, body: str = "earth")
     guess, drawn = _of_cells(grid, falls, hit), np.maximum(np.bincount(cell, minlength=m), 1)
     guess = np.where(np.bincount(cell, falls.flown, m) > 0, guess, 0.0)  # nobody of these comes near
     variance = float(np.sum(np.bincount(cell, w, m) ** 2 * guess * (1.0 - guess) / drawn))
-    low, high = interval(p, variance, len(w))
+    low, high = interval(p, variance, falls.draws.effective(prior))
     return Chance(probability=p, low=low, high=high, hits=int(hit.sum()), bound=low == 0.0 and p * len(w) < 1.0)
 
 
-def interval(p: float, variance: float, draws: int) -> tuple[float, float]:
+def interval(p: float, variance: float, draws: float) -> tuple[float, float]:
     """95 % of a probability whose error has a variance.
+
+    Parameters
+    ----------
+    draws : how many draws of equal weight tell as much, where all of them agree.
 
     Notes
     -----
     That of as many plain draws as would have the same error, after Clopper and Pearson. Of fewer than five effective
-    hits nothing below is excluded, and above it ends four sigmas on: one hit of N draws leaves 5.6/N.
+    hits nothing below is excluded, and above it ends four sigmas on: one hit of N draws leaves 5.6/N. Misses are
+    counted in the same way where they are rarer: a few of them, or none, leave 1 open.
     """
-    if p * p < FEW_HITS * variance:
-        return 0.0, min(p + 4.0 * float(np.sqrt(variance)), 1.0)
-    number = min(p * (1.0 - p) / variance, 1e9) if variance > 0.0 and p < 1.0 else float(draws)
+    if p > 0.5:
+        low, high = _of_the_rarer(1.0 - p, variance, draws)
+        return 1.0 - high, 1.0 - low
+    return _of_the_rarer(p, variance, draws)
+
+
+def _of_the_rarer(p: float, variance: float, draws: float) -> tuple[float, float]:
+    """The same of at most one half."""
+    sigma, none = float(np.sqrt(variance)), of_count(0, max(int(draws), 1))[1]
+    if p * p < FEW_HITS * variance or not variance > 0.0:
+        return 0.0, min(max(p + 4.0 * sigma, none if p * draws < 1.0 else 0.0), 1.0)
+    number = min(p * (1.0 - p) / variance, 1e9)
     hits = p * number
     low = float(betaincinv(hits, number - hits + 1.0, TAIL))
-    high = float(betaincinv(hits + 1.0, max(number - hits, 1e-9), 1.0 - TAIL))
+    high = float(betaincinv(hits + 1.0, number - hits, 1.0 - TAIL))
     return min(low, p), max(high, p)
 
 

@@ -18,6 +18,7 @@ from nebosvod.report.kit.stamp import stamp_of
 from nebosvod.report.kit.wording import moment, number
 from nebosvod.report.kit.worldmap import Corridor, maps
 from nebosvod.report.run.tables import Cell, Table
+from nebosvod.results.alert_words import digits
 from nebosvod.timescale import Epoch
 
 Item = Mapping[str, Any]
@@ -70,7 +71,8 @@ def _chance(row: Item) -> Cell:
     """A probability with its interval, or the bound."""
     if row["bound"]:
         return Markup("&lt; {}").format(number(row["high"], 2))
-    return Markup("{} ({} to {})").format(number(row["probability"]), number(row["low"]), number(row["high"]))
+    n = digits(row["low"])
+    return Markup("{} ({} to {})").format(*(number(row[name], n) for name in ("probability", "low", "high")))
 
 
 def _headline(summary: Item) -> Cell:

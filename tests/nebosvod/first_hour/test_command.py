@@ -186,3 +186,36 @@ def test_what_one_more_observation_would_do_is_told(answer: Path, capsys: pytest
 def test_by_an_unknown_telescope_is_wrong_input(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["alert", "first-hours", "--by", "nobody"]) == 2
     assert "nobody" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("text", "code", "words"),
+    [
+        ("", 2, "no observations in this file"),
+        ("# nothing\n# here\n", 2, "no observations in this file"),
+        ("hello world this is not a record\n", 2, ":1:"),
+        (LA.replace("G96", "XXX"), 2, "observatory codes"),
+        (LA.replace("G96", "247"), 2, "has no fixed place"),
+        (LA.replace(" tC2018", " tS2018").replace("G96", "C57"), 2, "tells where the spacecraft was"),
+        (LA.replace("C2018", "C2890"), 2, "allowed 1800 to 2199"),
+        (LA + LA.splitlines()[3].replace("2018 06 02", "2021 06 02") + "\n", 1, "use nebosvod fit"),
+        (LA.splitlines()[0] + "\n" + LA.splitlines()[0] + "\n", 1, "one observation"),
+    ],
+)
+def test_odd_files_end_with_a_sentence(
+    text: str, code: int, words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "odd.obs80").write_text(text)
+    assert main(["alert", str(tmp_path / "odd.obs80")]) == code
+    said = capsys.readouterr()
+    assert words in said.err
+    assert "Traceback" not in said.err
+    assert not said.out
+
+
+def test_several_objects_are_named_where_one_is_asked_for(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rows = LA.splitlines()
+    mixed = "\n".join([*rows[:2], *(row.replace("K18L00A", "K18L00B") for row in rows[2:])]) + "\n"
+    (tmp_path / "mixed.obs80").write_text(mixed)
+    assert main(["alert", str(tmp_path / "mixed.obs80")]) == 2
+    assert "2018 LB" in capsys.readouterr().err
