@@ -199,7 +199,7 @@ def _unit_hint(unit: str, number: str, dimension: Dimension) -> str:
         return "; the decimal mark is a point"
     if re.search(r"\d\s*[a-z]", unit.split("/")[0].split("^")[0], re.IGNORECASE):
         return f'; one number with one unit, for example "{dimension.example}"'
-    if not unit:
+    if not unit and math.isfinite(float(number)):
         return f'; try "{number} {dimension.example.split()[-1]}"'
     if meant := respelt(number, unit, dimension):
         return f'; did you mean "{meant}"?'

@@ -13,7 +13,7 @@ import numpy as np
 from pydantic import Field
 
 from nebosvod.borders.later import Later
-from nebosvod.errors import counted, listed
+from nebosvod.errors import InputError, counted, listed
 from nebosvod.mission.covariance import Array
 from nebosvod.mission.fields import KeyPath, Several, Text, When
 from nebosvod.mission.found import files_of
@@ -95,8 +95,17 @@ class Mission(Question):
         return [*facts, ("predictions", listed([one.name for one in self.predictions]) or "none")]
 
     def telescope(self, name: str) -> Telescope:
-        """The telescope of a name."""
-        return next(t for t in self.telescopes if t.name == name)
+        """The telescope of a name.
+
+        Raises
+        ------
+        InputError
+            If there is none; names those there are.
+        """
+        for one in self.telescopes:
+            if one.name == name:
+                return one
+        raise InputError(f"no telescope {name!r} (allowed: {', '.join(t.name for t in self.telescopes)})")
 
     @property
     def given_orbits(self) -> dict[KeyPath, Orbit]:

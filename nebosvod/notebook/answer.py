@@ -13,7 +13,7 @@ import numpy.typing as npt
 from markupsafe import Markup
 
 from nebosvod.borders.wholefile import write_new_text, write_whole
-from nebosvod.errors import InputError, counted
+from nebosvod.errors import InputError, OutputError, counted
 from nebosvod.notebook.plots import FitPlots, PagePlots, Plots, RunPlots, texts
 from nebosvod.notebook.tables import Tables
 from nebosvod.notebook.typed import Summary, summary_of
@@ -222,8 +222,13 @@ class FolderAnswer(Answer):
             If something is in the way, or the place cannot be written.
         """
         place = Path(folder) if folder is not None else Path(f"{self._slug}-{self.ending}")
-        with OwnedFolder(place, report_text, overwrite=overwrite) as target:
-            target.publish(self.stored)
+        try:
+            with OwnedFolder(place, report_text, overwrite=overwrite) as target:
+                target.publish(self.stored)
+        except OutputError as error:
+            for option, here in (("--overwrite", "overwrite=True"), (" with -o", ""), ("-o for ", "")):
+                error.args = (str(error).replace(option, here),)
+            raise
         return place
 
     @property

@@ -1,5 +1,6 @@
 """Answers that are no folder of one orbit: studies, validations, plans, comparisons."""
 
+import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import ClassVar, Self
@@ -9,7 +10,7 @@ from astropy.table import QTable
 
 from nebosvod.borders.stored import read_object
 from nebosvod.borders.wholefile import write_new_text
-from nebosvod.errors import InputError
+from nebosvod.errors import InputError, OutputError
 from nebosvod.notebook.answer import Answer, Item, Page, plain
 from nebosvod.planning.advice import advice
 from nebosvod.report.comparison_page import make_comparison_page, sentence
@@ -49,9 +50,26 @@ class Kept(Answer):
             raise InputError(f"{folder}: holds no {cls.file}; it is not the folder of a {cls.kind}")
         return cls(read_object(place), Path(folder))
 
-    def save(self) -> Path:
-        """The folder, where everything stands already."""
-        return self.folder
+    def save(self, folder: str | Path | None = None) -> Path:
+        """The folder, where everything stands already; or a copy of it.
+
+        Parameters
+        ----------
+        folder : of the copy, which must not be there yet.
+
+        Raises
+        ------
+        OutputError
+            If something is in the way, or the place cannot be written.
+        """
+        if folder is None:
+            return self.folder
+        place = Path(folder)
+        try:
+            shutil.copytree(self.folder, place)
+        except OSError as error:
+            raise OutputError(f"{place}: {error.strerror or 'not every file could be copied'}") from None
+        return place
 
 
 class Study(Kept):

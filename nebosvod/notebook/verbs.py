@@ -15,6 +15,8 @@ from functools import cache, wraps
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
+import numpy as np
+
 from nebosvod import dynamics, pipeline
 from nebosvod.borders.compiled import kept
 from nebosvod.borders.quantities import duration_s, is_moment, is_quantity
@@ -84,6 +86,27 @@ def _text(value: Any) -> Any:
     return plain(value) if is_quantity(value) or is_moment(value) or duration_s(value) is not None else value
 
 
+def _seed(seed: Any) -> int:
+    """A seed that the option would take."""
+    if not isinstance(seed, int | np.integer) or not 0 <= seed < 2**63:
+        raise InputError(f"seed: needs a whole number from 0 on (got {seed!r})")
+    return int(seed)
+
+
+def _joined(words: str | Sequence[Any]) -> str:
+    """With commas between them, as the command line has them."""
+    return words if isinstance(words, str) else ",".join(map(str, words))
+
+
+def _files(files: Any) -> list[str]:
+    """Paths of one file or several."""
+    if isinstance(files, str | Path):
+        return [str(files)]
+    if not isinstance(files, list | tuple) or not all(isinstance(one, str | Path) for one in files):
+        raise InputError(f"files: a path, or a list of paths, text or pathlib.Path (got {type(files).__name__})")
+    return [str(one) for one in files]
+
+
 def _several(named: str | Sequence[str]) -> tuple[str, ...]:
     """Names, of which one need not be a list."""
     return (named,) if isinstance(named, str) else tuple(named)
@@ -129,7 +152,7 @@ def run(
     >>> result.typed.estimates[0]
     <OrbitEstimate batch: converged, position to 16.89 km>
     """
-    found = Result(pipeline.run(_mission(mission), seed=seed, progress=progress, nominal=nominal))
+    found = Result(pipeline.run(_mission(mission), seed=_seed(seed), progress=progress, nominal=nominal))
     return _kept(found, output, overwrite)
 
 
@@ -202,7 +225,7 @@ def fit_every(
 
 def _to_fit(files: Any, designations: str | Sequence[str], since: Any, until: Any) -> FitMission:
     """The fit that the parameters say."""
-    named = [str(files)] if isinstance(files, str | Path) else [str(one) for one in files]
+    named = _files(files)
     return fit_work.resolved(named, _several(designations), _text(since), _text(until))
 
 
@@ -241,7 +264,7 @@ def validate(
     loaded = _mission(mission)
     folder = Path(output) if output is not None else Path(f"{loaded.slug}-validation")
     found = run_validation(
-        loaded, folder, runs=runs, seed=seed, workers=workers_from(workers, scheduler, cluster), full=full,
+        loaded, folder, runs=runs, seed=_seed(seed), workers=workers_from(workers, scheduler, cluster), full=full,
         overwrite=overwrite, progress=progress,
     )  # fmt: skip
     write_validation_report(folder, found)
@@ -264,7 +287,7 @@ def plan(
     visit_time: str | Sequence[str] = (),
     decide: bool = False,
     until: Any = None,
-    bodies: str = "earth,moon",
+    bodies: str | Sequence[str] = "earth,moon",
     telescope: str | Sequence[str] = (),
     sigma: Any = None,
     draws: int = 20_000,
@@ -286,7 +309,7 @@ def plan(
     start, end, step : candidate epochs; those of the mission's schedule by default.
     visit_time : that a visit takes, "2 h" or 'TELESCOPE="30 min"'; 1 h by default.
     decide : foresee the probability that the orbit hits after each candidate visit; what follows belongs to it.
-    until : last date of an impact; bodies : what may be hit, with commas between them.
+    until : last date of an impact; bodies : what may be hit.
     telescope : who may observe: codes, MISSION.yaml:NAME, a spacecraft's file; sigma : of one no mission describes.
     draws : orbits of the cloud; truths : simulated of each visit; seed : of both.
     below, above : probabilities that would clear it (a tenth of now by default) and confirm it (midway from now to 1).
@@ -299,9 +322,9 @@ def plan(
     said = {
         "prediction": prediction, "visits": visits, "estimator": estimator, "criterion": criterion,
         "start": _text(start), "end": _text(end), "step": _text(step), "exposures": exposures,
-        "spacing": _text(spacing), "visit_time": _several(visit_time), "until": _text(until), "bodies": bodies,
+        "spacing": _text(spacing), "visit_time": _several(visit_time), "until": _text(until), "bodies": _joined(bodies),
         "telescope": _several(telescope), "sigma": _text(sigma),
-        "draws": draws, "truths": truths, "seed": seed, "below": below, "above": above,
+        "draws": draws, "truths": truths, "seed": _seed(seed), "below": below, "above": above,
     }  # fmt: skip
     if not decide:
         return Plan(planned(_mission(mission), said))
@@ -328,6 +351,8 @@ def compare(*answers: FolderAnswer | Kept | str | Path) -> Comparison:
             if isinstance(one, FolderAnswer):
                 place = Path(held.enter_context(tempfile.TemporaryDirectory())) / f"{one._slug}-{number}"
                 folders.append(one.save(place))
+            elif not isinstance(one, Kept | str | Path):
+                raise InputError(f"compare: takes results and their folders (got {type(one).__name__})")
             else:
                 folders.append(one.folder if isinstance(one, Kept) else Path(one))
         if all_studies(folders):
@@ -378,7 +403,7 @@ def study(
 def risk(
     orbit: Orbit,
     until: Any,
-    bodies: str = "earth,moon",
+    bodies: str | Sequence[str] = "earth,moon",
     on: Any = None,
     draws: int = 10_000,
     coordinates: Coordinates = "cartesian",
@@ -397,7 +422,7 @@ def risk(
     ----------
     orbit : with a covariance: a fit or a run, its folder, an orbit file of others, a mission with a prior orbit.
     until : last moment (text is UTC).
-    bodies : what may be hit: planets and moon, with commas between them.
+    bodies : what may be hit: planets and moon.
     on : from when the years of the Palermo scale count; the last observation by default.
     draws : orbits of the plain sampling; seed : of them.
     coordinates : in which the uncertainty is an ellipsoid.
@@ -413,8 +438,8 @@ def risk(
     """
     with _opened(orbit, history) as given:
         made = orbit_work.risk_of(
-            given, _text(until), bodies, _text(on), draws, coordinates, _text(diameter), density, seed, history,
-            progress or _quiet,
+            given, _text(until), _joined(bodies), _text(on), draws, coordinates, _text(diameter), density, _seed(seed),
+            history, progress or _quiet,
         )  # fmt: skip
     return _kept(Risk(made.result), output, overwrite)
 
@@ -431,7 +456,7 @@ def alert(
     smallest: Any = "0.3 m",
     sites: str | Sequence[str] = (),
     by: str | Sequence[str] = (),
-    hours: str = "1,3,6,12,24",
+    hours: str | Sequence[float] = "1,3,6,12,24",
     history: bool = False,
     decide: bool = False,
     seed: int = 1,
@@ -447,7 +472,7 @@ def alert(
     designations, since, until : which observations, as of `fit`.
     within : in which time an impact counts; smallest : diameter of the smallest object that counts.
     unbound : count orbits that are not bound to the Sun as well.
-    sites : where to look next from; who observed last by default. hours : after the last observation, with commas.
+    sites : where to look next from; who observed last by default. hours : after the last observation.
     by : of a mission: count the measurements of these telescopes alone.
     history : also after each observation; decide : also which of the next ones would settle it.
     seed : of the random draws.
@@ -459,11 +484,10 @@ def alert(
     InputError, GeometryError
         If a parameter cannot be used, or nothing can be said.
     """
-    started = time.time()
-    named = [str(files)] if isinstance(files, str | Path) else [str(one) for one in files]
+    started, named = time.time(), _files(files)
     asked = alert_made.Asked.of(
         within=_text(within), bound=not unbound, smallest=_text(smallest), sites=_several(sites), by=_several(by),
-        hours=hours, seed=seed, history=history, decide=decide,
+        hours=_joined(hours), seed=_seed(seed), history=history, decide=decide,
     )  # fmt: skip
     found = alert_work.found_for(named, _several(designations), _text(since), _text(until), asked, progress or _quiet)
     bodies = found.alert.tracklet.forces.ephemeris

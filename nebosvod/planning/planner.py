@@ -10,7 +10,7 @@ import difflib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -79,8 +79,11 @@ def read_wish(
     Raises
     ------
     InputError
-        If an epoch or a duration cannot be read, or no prediction is named and there is none; names the option.
+        If an epoch, a duration or the criterion cannot be read, or no prediction is named and
+        there is none; names the option.
     """
+    if criterion not in get_args(Criterion):
+        raise InputError(f"--criterion: {criterion!r} (allowed: {', '.join(get_args(Criterion))})")
     start, end, step = window
     times: dict[str, float] = {}
     default = HOUR_S

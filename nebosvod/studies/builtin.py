@@ -28,8 +28,10 @@ def study_path(path: str | Path) -> Path:
     Raises
     ------
     InputError
-        If it looks like a name, and there is no such study.
+        If it looks like a name, and there is no such study; or if it is neither text nor a path.
     """
+    if not isinstance(path, str | Path):
+        raise InputError(f"a study is loaded by a path or a built-in name (got {type(path).__name__})")
     file, name = Path(path), str(path)
     if file.exists() or file.suffix or len(file.parts) != 1:
         return file

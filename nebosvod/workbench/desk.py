@@ -80,7 +80,9 @@ class Desk:
             If it cannot be written.
         """
         if self.mark() != mark:
-            what = "has changed on disk since it was read here" if mark else "exists already"
+            gone = not os.path.lexists(self.path)
+            changed = f"{'is gone from disk' if gone else 'has changed on disk'} since it was read here"
+            what = changed if mark else "exists already"
             raise ChangedError(f"{self.name}: {what}; nothing was written")
         new = not os.path.lexists(self.path)
         mode = None if new else stat.S_IMODE(self.path.lstat().st_mode)

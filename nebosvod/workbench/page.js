@@ -289,7 +289,12 @@ function ended(code) {
 }
 
 async function load() {
-  const answer = await (await fetch("start")).json();
+  const response = await fetch("start");
+  if (!response.ok) {  // the file is gone, or can be read no more; what stands here stays
+    verdict(await refusal(response), true);
+    return;
+  }
+  const answer = await response.json();
   Object.assign(state, {mark: answer.mark, saved: answer.saved, schemas: answer.schemas});
   $("name").textContent = answer.name;
   $("place").textContent = answer.saved ? answer.path : `built in; saving writes ${answer.path}`;

@@ -11,7 +11,7 @@ from astropy.time import Time
 
 import nebosvod
 from nebosvod.cli import main
-from nebosvod.errors import InputError
+from nebosvod.errors import InputError, OutputError
 
 DATA = Path(__file__).resolve().parents[3].parent / "shared" / "data" / "observations"
 STUDY = """
@@ -83,6 +83,11 @@ def test_a_study_keeps_its_folder(tmp_path: Path) -> None:
     (tmp_path / "noise.yaml").write_text(STUDY, "utf-8")
     study = nebosvod.study(tmp_path / "noise.yaml", output=tmp_path / "kept", workers=1)
     assert study.save() == tmp_path / "kept"
+    copy = nebosvod.Study.load(study.save(tmp_path / "copy"))
+    assert copy.summary == study.summary
+    assert sorted(path.name for path in copy.folder.iterdir()) == sorted(path.name for path in study.folder.iterdir())
+    with pytest.raises(OutputError, match="exists"):
+        study.save(tmp_path / "copy")
     assert len(study.table) == 2
     assert np.diff(study.table["position"])[0] > 0.0
     assert nebosvod.Study.load(tmp_path / "kept").summary == study.summary
@@ -124,3 +129,32 @@ def test_errors_name_the_parameter_and_not_an_option(minimal: Any) -> None:
         nebosvod.ephemeris(minimal, "2028-04-20", "2028-04-01")
     with pytest.raises(InputError, match="an orbit is a path"):
         nebosvod.risk(3, "2028-06-01")  # type: ignore[arg-type]
+    with pytest.raises(InputError, match=r"^criterion: 'best' \(allowed: a, d, "):
+        nebosvod.plan("minimal", criterion="best")
+    with pytest.raises(InputError, match="mars-2"):
+        nebosvod.risk(minimal, "2028-06-01", bodies=["earth", "mars-2"])
+    with pytest.raises(InputError, match="got int"):
+        nebosvod.compare(minimal, 3)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match=r"a study is loaded by a path .*got int"):
+        nebosvod.study(3)  # type: ignore[arg-type]
+    for name in ("fit", "alert"):
+        with pytest.raises(InputError, match=r"^files: a path, or a list of paths.*got int"):
+            getattr(nebosvod, name)(3)
+    with pytest.raises(InputError, match=r"^hours: needs up to .* numbers"):
+        nebosvod.alert("first-hours", hours=[-1])
+    with pytest.raises(InputError, match=r"no telescope 'X' .allowed: "):
+        nebosvod.load_mission("minimal").telescope("X")
+
+
+@pytest.mark.parametrize("seed", [-1, 0.5, "one", None])
+def test_a_seed_is_held_to_what_the_option_takes(seed: Any) -> None:
+    with pytest.raises(InputError, match=r"^seed: needs a whole number"):
+        nebosvod.run("minimal", seed=seed)
+
+
+def test_a_folder_in_the_way_is_told_in_the_words_of_python(minimal: Any, folder: Path, tmp_path: Path) -> None:
+    with pytest.raises(OutputError, match=r"exists already; use overwrite=True to replace that run, or another folder"):
+        minimal.save(folder)
+    (tmp_path / "note.txt").write_text("of somebody")
+    with pytest.raises(OutputError, match=r"; use another folder$"):
+        minimal.save(tmp_path, overwrite=True)

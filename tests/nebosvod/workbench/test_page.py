@@ -202,6 +202,27 @@ def test_two_tabs_do_not_mix(tab: Tab, browser: Browser, served: Served) -> None
     tab.said[:] = [one for one in tab.said if "409 (Conflict)" not in one]
 
 
+def test_a_file_that_is_gone_takes_no_text_with_it(tab: Tab, browser: Browser, served: Served) -> None:
+    mine = MISSION.replace("0.1 arcsec", "0.2 arcsec")
+    tab.write(mine)
+    served.file.unlink()
+    late = browser.new_page()
+    late.goto(served.address)
+    expect(late.locator("#verdict-line")).to_contain_text("no such file")
+    late.close()
+    tab.page.locator("#save").click()
+    expect(tab.page.locator("#ask")).to_contain_text("is gone from disk since it was read here; nothing was written")
+    tab.page.get_by_role("button", name="Take the file's text").click()
+    expect(tab.page.locator("#verdict-line")).to_contain_text("no such file")
+    assert tab.text == mine
+    tab.page.locator("#save").click()
+    tab.page.get_by_role("button", name="Write mine over it").click()
+    expect(tab.page.locator("#state")).to_have_text("(saved)")
+    assert served.file.read_text("utf-8") == mine
+    assert len(tab.said) == 3  # two refusals to save, one to read; nothing else went wrong
+    tab.said.clear()
+
+
 def test_the_page_is_for_who_cannot_see_it_or_has_no_pointer(browser: Browser, served: Served) -> None:
     served.file.write_text(MISSION, "utf-8")
     tab = Tab(browser.new_context(bypass_csp=True, viewport={"width": 1280, "height": 900}).new_page(), served)

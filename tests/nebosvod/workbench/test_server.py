@@ -145,7 +145,7 @@ def test_a_file_is_saved_as_it_was_kept_and_only_where_it_says_what_was_read(tmp
     with pytest.raises(ChangedError, match="has changed on disk since it was read here; nothing was written"):
         desk.save("name: mine\n", mark)
     file.unlink()
-    with pytest.raises(ChangedError, match="nothing was written"):
+    with pytest.raises(ChangedError, match="is gone from disk since it was read here; nothing was written"):
         desk.save("name: mine\n", mark)
     assert list(tmp_path.iterdir()) == []
 
