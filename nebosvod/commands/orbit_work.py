@@ -7,6 +7,7 @@ from typing import Any, Literal
 
 from nebosvod.commands.ephemeris_answer import asked_dates
 from nebosvod.commands.risk_answer import asked_bodies, asked_date, asked_size
+from nebosvod.commands.risk_corrected import corrected_line
 from nebosvod.commands.risk_history import NIGHTLY, records_of, told
 from nebosvod.dynamics import Ephemeris
 from nebosvod.ephemerides.observers import observer
@@ -95,7 +96,8 @@ def risk_of(
     size = asked_size(given.magnitude, diameter, density)
     found = risk(
         given, last, ephemeris, bodies=targets, on=since, draws=draws, seed=seed, coordinates=coordinates,
-        diameter_km=None if size is None else size.diameter_km, say=say,
+        diameter_km=None if size is None else size.diameter_km,
+        corrected=corrected_line(_named(orbit), given, ephemeris, say), say=say,
     )  # fmt: skip
     summary = risk_folder.summarise(found, targets, seed, size)
     if recorded is not None:

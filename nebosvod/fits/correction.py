@@ -37,7 +37,7 @@ class Knowledge:
     Parameters
     ----------
     U : shape (k, 6 + m), an inverse factor of the covariance; zero columns where nothing is known.
-    mean : shape (6 + m,), km, km/s and the parameters' own units.
+    mean : shape (6 + m,), km, km/s and the parameters' own units; or (k, 6 + m), one for each row.
     """
 
     U: Array
@@ -45,7 +45,12 @@ class Knowledge:
 
     def rows(self, x: Array) -> Array:
         """The rows [U | U (mean - x)], shape (k, 7 + m)."""
-        return np.column_stack([self.U, self.U @ (self.mean - x)])
+        return np.column_stack([self.U, np.sum(self.U * (self.mean - x), axis=1)])
+
+    def beside(self, other: "Knowledge") -> "Knowledge":
+        """Both together."""
+        means = [np.broadcast_to(one.mean, one.U.shape) for one in (self, other)]
+        return Knowledge(U=np.vstack([self.U, other.U]), mean=np.vstack(means))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -1,12 +1,13 @@
 """The line of variations: a string of orbits along the weak direction, its returns, and the chance of a hit from them.
 
-The string is straight in the coordinates of the course, through the estimate, along the most probable deviations that
-move the orbit ahead or behind. Where it passes near the body its closest points are refined; what is left of the
-confidence region across the string is taken as normal there, so the chance is an integral along the string.
+The string goes through the estimate along the most probable deviations that move the orbit ahead or behind: corrected
+to the observations where they are at hand, else straight. Where it passes near the body its closest points are refined;
+what is left of the confidence region across the string is taken as normal there, so the chance is an integral along it.
 
 References
 ----------
 Milani, Chesley, Sansaturio, Tommei, Valsecchi 2005, Icarus 173, 362.
+Milani, Sansaturio, Tommei, Arratia, Chesley 2005, Astronomy & Astrophysics 431, 729.
 """
 
 from dataclasses import dataclass
@@ -15,10 +16,12 @@ import numpy as np
 import numpy.typing as npt
 
 from nebosvod.dynamics import Trajectory
+from nebosvod.errors import InputError
 from nebosvod.estimation.accuracy.inside import inside_disc
 from nebosvod.impacts.cloud import Cloud, Passage
 from nebosvod.impacts.flight import GAP_S, Course
 from nebosvod.impacts.hitting import AFTER_S, HittingOrbit
+from nebosvod.impacts.string import Corrected, String
 from nebosvod.timescale import Epoch
 
 Array = npt.NDArray[np.float64]
@@ -27,6 +30,7 @@ ROUNDS, FINE = 4, 9
 NODES = 121
 REACH = 6.0  # sigmas across the string
 MOST_MINIMA = 16  # of one string, the nearest of them
+NO_OBSERVATIONS = "no observations are at hand"
 DEEP = 40.0  # capture radii: a string that comes no nearer is not looked at
 
 
@@ -43,13 +47,17 @@ class Minimum:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Line:
-    """The string: its direction (n,) in whitened deviations, sigmas (k,), their flight, and the returns."""
+    """The string, sigmas (k,) of it, their flight, and the returns.
+
+    `why_straight` says why it is not corrected to observations; empty where it is.
+    """
 
     course: Course
-    direction: Array
+    string: String
     sigmas: Array
     cloud: Cloud
     minima: tuple[Minimum, ...]
+    why_straight: str
 
     def probability(self, orbit: HittingOrbit, body: str) -> float:
         """Chance of a hit near one hitting orbit, by the string.
@@ -58,12 +66,13 @@ class Line:
         ----------
         orbit : whose partials tell how wide the region is across the string, and where the string is nearest.
         """
-        along = orbit.J @ self.direction
-        across = orbit.J - np.outer(along, self.direction)
+        along = orbit.J @ self.string.direction
+        across = orbit.J - np.outer(along, self.string.direction)
         size, radius = float(np.linalg.norm(along)), orbit.plane.capture_radius_km
-        middle = float(self.direction @ orbit.u)
+        middle = self._nearest(orbit, body)
         half = (1.5 * radius + REACH * float(np.linalg.norm(across, 2))) / max(size, 1e-300)
-        sigmas = np.linspace(max(middle - half, -9.0), min(middle + half, 9.0), NODES)
+        low, high = self.string.ends
+        sigmas = np.linspace(max(middle - half, low), min(middle + half, high), NODES)
         last = min(orbit.epoch + AFTER_S, self.course.last)
         passage = _passage(self._fly(sigmas, last), body, orbit.epoch)
         if passage is None:
@@ -75,25 +84,51 @@ class Line:
         density = np.exp(-0.5 * sigmas[known] ** 2) / np.sqrt(2.0 * np.pi)
         return float(np.trapezoid(density * chance, sigmas[known]))
 
+    def _nearest(self, orbit: HittingOrbit, body: str) -> float:
+        """Sigma where the string is nearest to the body for a hitting orbit, which a curved one need not go through."""
+        level = float(self.string.sigma_of(orbit.u[None])[0])
+        near = [
+            one.sigma for one in self.minima
+            if one.body == body and abs(one.epoch - orbit.epoch) < GAP_S and abs(one.sigma - level) < 1.0
+        ]  # fmt: skip
+        return min(near, key=lambda sigma: abs(sigma - level), default=level) if self.string.curved else level
+
     def _fly(self, sigmas: Array, last: Epoch) -> Cloud:
-        return self.course.fly(_strung(self.course, self.direction, sigmas), None, last)
+        return self.course.fly(_strung(self.course, self.string, sigmas), None, last)
 
 
-def line_of_variations(course: Course, nominal: Trajectory, about_s: float) -> Line:
+def line_of_variations(
+    course: Course, nominal: Trajectory, about_s: float, corrected: Corrected | str = NO_OBSERVATIONS
+) -> Line:
     """Fly the string and refine where it comes nearest.
 
     Parameters
     ----------
     nominal : the estimate with its sensitivities.
     about_s : when the direction is that along the track, TDB seconds after the epoch.
+    corrected : the string of a direction by the observations, or why there is none.
     """
-    direction = weak_direction(course, nominal, about_s)
-    sigmas = np.linspace(-ENDS, ENDS, POINTS)
-    cloud = course.fly(_strung(course, direction, sigmas))
+    string, why_straight = _string(course, weak_direction(course, nominal, about_s), corrected)
+    sigmas = np.linspace(max(-ENDS, string.ends[0]), min(ENDS, string.ends[1]), POINTS)
+    cloud = course.fly(_strung(course, string, sigmas))
     coarse = sorted((one for passage in cloud.passages for one in _lowest(sigmas, passage)), key=lambda one: one[0])
-    fine = [_refined(course, direction, *one) for one in coarse[:MOST_MINIMA]]
+    fine = [_refined(course, string, *one) for one in coarse[:MOST_MINIMA]]
     minima = [one for one in fine if one.distance_km <= DEEP * one.capture_radius_km]
-    return Line(course=course, direction=direction, sigmas=sigmas, cloud=cloud, minima=tuple(minima))
+    return Line(
+        course=course, string=string, sigmas=sigmas, cloud=cloud, minima=tuple(minima), why_straight=why_straight
+    )  # fmt: skip
+
+
+def _string(course: Course, direction: Array, corrected: Corrected | str) -> tuple[String, str]:
+    """The string by the observations; a straight one where they do not give it, and why."""
+    if isinstance(corrected, str):
+        return String.straight(direction), corrected
+    if course.coordinates != "cartesian":
+        return String.straight(direction), f"draws are straight in {course.coordinates} elements, and so is it"
+    try:
+        return corrected(direction), ""
+    except InputError as error:
+        return String.straight(direction), str(error)
 
 
 def weak_direction(course: Course, nominal: Trajectory, about_s: float) -> Array:
@@ -105,9 +140,9 @@ def weak_direction(course: Course, nominal: Trajectory, about_s: float) -> Array
     return direction
 
 
-def _strung(course: Course, direction: Array, sigmas: Array) -> Array:
+def _strung(course: Course, string: String, sigmas: Array) -> Array:
     """Deviations (k, n) of the string."""
-    deviations: Array = sigmas[:, None] * (course.orbit.factor @ direction)
+    deviations: Array = string.at(np.clip(sigmas, *string.ends)) @ course.orbit.factor.T
     return deviations
 
 
@@ -124,12 +159,12 @@ def _lowest(sigmas: Array, passage: Passage) -> list[tuple[float, float, float, 
     return found
 
 
-def _refined(course: Course, direction: Array, lowest: float, middle: float, half: float, passage: Passage) -> Minimum:
+def _refined(course: Course, string: String, lowest: float, middle: float, half: float, passage: Passage) -> Minimum:
     """The point of the string nearest to the body, by finer and finer strings."""
     last = min(passage.epoch + GAP_S, course.last)
     for _ in range(ROUNDS):
         near = middle + half * np.linspace(-1.0, 1.0, FINE)
-        fine = _passage(course.fly(_strung(course, direction, near), None, last), passage.body, passage.epoch)
+        fine = _passage(course.fly(_strung(course, string, near), None, last), passage.body, passage.epoch)
         if fine is None:
             break
         reach = np.linalg.norm(fine.xi_zeta_km, axis=1)

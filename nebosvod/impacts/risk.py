@@ -22,7 +22,8 @@ from nebosvod.impacts.flight import GAP_S, Course
 from nebosvod.impacts.hitting import HittingOrbit, hitting_orbit
 from nebosvod.impacts.importance import sample
 from nebosvod.impacts.interval import effective
-from nebosvod.impacts.line import Line, line_of_variations
+from nebosvod.impacts.line import NO_OBSERVATIONS, Line, line_of_variations
+from nebosvod.impacts.string import Corrected
 from nebosvod.impacts.ways import Way, by_importance, by_line, by_linear, by_sampling, recommended
 from nebosvod.impacts.yarkovsky import with_yarkovsky
 from nebosvod.orbits.uncertain import UncertainOrbit
@@ -102,7 +103,8 @@ class Risk:
 def risk(
     orbit: UncertainOrbit, until: Epoch, ephemeris: Ephemeris, *, bodies: Sequence[str] = BODIES,
     on: Epoch | None = None, draws: int = 10_000, seed: int = 1, coordinates: Coordinates = "cartesian",
-    diameter_km: float | None = None, say: Callable[[str], None] = lambda line: None,
+    diameter_km: float | None = None, corrected: Corrected | str = NO_OBSERVATIONS,
+    say: Callable[[str], None] = lambda line: None,
 ) -> Risk:  # fmt: skip
     """Probability that an orbit hits a body until a date.
 
@@ -113,6 +115,7 @@ def risk(
     diameter_km : by which an A2 that is not estimated is drawn, more than 20 years ahead; None: without.
     draws : orbits of the plain sampling, and the most of each importance sampling.
     coordinates : in which the confidence region is an ellipsoid.
+    corrected : the line of variations along a direction by the observations, or why there is none.
 
     Raises
     ------
@@ -126,7 +129,9 @@ def risk(
     if until <= orbit.epoch:
         raise InputError(f"--until: {until.iso('utc', 0)} is not after the epoch of the orbit, {orbit.epoch.iso()}")
     ephemeris.require(orbit.epoch, np.array([until - orbit.epoch]))
-    orbit = with_yarkovsky(orbit, until, diameter_km)
+    given, orbit = orbit, with_yarkovsky(orbit, until, diameter_km)
+    if orbit is not given:
+        corrected = "an A2 is drawn of which the observations know nothing"
     streams = [np.random.default_rng(one) for one in np.random.SeedSequence(seed).spawn(2)]
     course = Course(orbit=orbit, ephemeris=ephemeris, last=until, bodies=tuple(bodies), coordinates=coordinates)
     say("flying the estimate")
@@ -136,7 +141,7 @@ def risk(
     if nominal is not None:
         say("flying the line of variations")
         about = min((one.epoch - orbit.epoch for one in near), default=until - orbit.epoch)
-        line = line_of_variations(course, nominal, min(about, nominal.span_s[1]))
+        line = line_of_variations(course, nominal, min(about, nominal.span_s[1]), corrected)
     say(f"flying {draws} drawn orbits")
     cloud = course.fly(draw(orbit, draws, streams[0]))
     if len(cloud.lost) == len(cloud):
@@ -189,7 +194,7 @@ def _encounters(near: Sequence[Approach], line: Line | None, cloud: Cloud) -> li
 
     if line is not None:
         for one in sorted(line.minima, key=lambda one: one.distance_km):
-            add(one.body, one.epoch, one.sigma * line.direction)
+            add(one.body, one.epoch, line.string.at(np.array([one.sigma]))[0])
     for approach in near:
         if sigmas_to_hit(approach, FARTHEST) is not None:
             add(approach.body, approach.epoch, np.zeros(size))
@@ -278,5 +283,5 @@ def _along(
     if line is None:
         return None, None
     white = np.linalg.solve(line.course.orbit.factor, cloud.deviations[passage.hits].T).T
-    nu = float(np.average(white @ line.direction, weights=cloud.weights[passage.hits]))
-    return nu, float(np.linalg.norm(orbits[0].J @ line.direction)) if orbits else None
+    nu = float(np.average(line.string.sigma_of(white), weights=cloud.weights[passage.hits]))
+    return nu, float(np.linalg.norm(orbits[0].J @ line.string.direction)) if orbits else None

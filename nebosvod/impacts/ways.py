@@ -66,7 +66,8 @@ def by_line(line: Line, orbits: Sequence[HittingOrbit], body: str) -> Way:
     if not orbits:
         return _number("line_of_variations", None, "no orbit near the line hits")
     parts = [line.probability(one, body) for one in orbits]
-    note = f"{len(parts)} separate parts of the line" if len(parts) > 1 else ""
+    note = f"straight, {line.why_straight}" if line.why_straight else "curved, corrected to the observations"
+    note += f"; {len(parts)} separate parts of the line" if len(parts) > 1 else ""
     return _number("line_of_variations", min(float(sum(parts)), 1.0), note)
 
 

@@ -13,6 +13,7 @@ from nebosvod.impacts.budget import budget_of, why_none
 from nebosvod.impacts.cloud import Cloud, Passage
 from nebosvod.impacts.corridor import Corridor, Level, corridor_of
 from nebosvod.impacts.interval import of_count
+from nebosvod.impacts.line import Line
 from nebosvod.impacts.risk import Risk, VirtualImpactor, passage_of
 from nebosvod.impacts.scales import Size, cumulative, energy_mt, palermo, torino
 from nebosvod.impacts.ways import Way
@@ -81,6 +82,16 @@ def impactor_row(found: Risk, one: VirtualImpactor, number: int, size: Size | No
         "budget": None if budget is None else _budget_row(budget),
         "no_budget": why_none(found.orbit) if budget is None else None,
         "approach": None if one.approach is None else row_of(one.approach),
+    }
+
+
+def _line_row(line: Line) -> Row:
+    """Of which kind the line of variations is, and over how many sigmas it was flown."""
+    return {
+        "kind": "curved" if line.string.curved else "straight",
+        "why_straight": line.why_straight or None,
+        "from_sigmas": float(line.sigmas[0]),
+        "to_sigmas": float(line.sigmas[-1]),
     }
 
 
@@ -167,6 +178,7 @@ def summarise(found: Risk, bodies: list[str], seed: int, size: Size | None) -> R
         "seed": seed,
         "n_draws": len(found.cloud),
         "coordinates": found.coordinates,
+        "line": None if found.line is None else _line_row(found.line),
         "diameter_km": None if size is None else size.diameter_km,
         "density_kg_m3": None if size is None else size.density_kg_m3,
         "size_from": None if size is None else size.said,
@@ -209,12 +221,12 @@ def risk_result(summary: Row, found: Risk, ephemeris: Ephemeris, path: str, star
     hit_body (what it hits, "" for nothing), hit_t_s after orbit.epoch_tdb, longitude_deg, latitude_deg, speed_km_s,
     elevation_deg at the surface, entry_... the same at 100 km; of virtual impactor K hits_K, grazes_K, t_s_K,
     distance_km_K, xi_zeta_km_K (n, 2) and, of its encounter, axes_K (3, 3), capture_radius_km_K, v_infinity_km_s_K,
-    line_xi_zeta_km_K (k, 2) with line_sigmas (k,). Where importance sampling knows more of K, weighed_K_... are the
-    same arrays of its own draws, with their weights.
+    line_xi_zeta_km_K (k, 2) with line_sigmas (k,) and line_deviations (k, 6 + m). Where importance sampling knows more
+    of K, weighed_K_... are the same arrays of its own draws, with their weights.
     """
     arrays = _members(found.cloud, "")
     if found.line is not None:
-        arrays["line_sigmas"] = found.line.sigmas
+        arrays |= {"line_sigmas": found.line.sigmas, "line_deviations": found.line.cloud.deviations}
     for k, one in enumerate(found.impactors):
         drawn = passage_of(found.cloud, one.body, one.epoch)
         arrays |= {
@@ -228,8 +240,9 @@ def risk_result(summary: Row, found: Risk, ephemeris: Ephemeris, path: str, star
         if one.cloud is not found.cloud:
             mine = {**_members(one.cloud, ""), **_passing(one.passage, one.cloud, "")}
             arrays |= {f"weighed_{k}_{name}": value for name, value in mine.items()}
-    flat = [{k: v for k, v in row.items() if not isinstance(v, list | dict)} for row in summary["virtual_impactors"]]
-    tables = {"virtual_impactors": columns(flat, list(flat[0]), DESCRIPTION)} if flat else {}
+    rows = summary["virtual_impactors"]
+    flat = [key for key in (rows[0] if rows else ()) if not any(isinstance(row[key], list | dict) for row in rows)]
+    tables = {"virtual_impactors": columns(rows, flat, DESCRIPTION)} if rows else {}
     return orbit_folder.result(summary, tables, arrays, ephemeris, path, started)
 
 

@@ -84,6 +84,9 @@ def test_the_exercise_has_a_thousandth_on_8_july(july_8: dict[str, Any]) -> None
     assert row["epoch_utc"].startswith("2038-07-10T05:3")
     for name in ("linear", "line_of_variations"):
         assert row["low"] * 0.95 < way(row, name)["probability"] < row["high"] * 1.05
+    assert july_8["line"]["kind"] == "curved"
+    assert way(row, "line_of_variations")["probability"] == pytest.approx(0.0011, abs=0.0004)
+    assert way(row, "line_of_variations")["note"] == "curved, corrected to the observations"
 
 
 @needs_exercise
