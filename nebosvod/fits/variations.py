@@ -75,8 +75,9 @@ class Variations:
         sigmas, points, here = [0.0], [origin], least
         for s in np.arange(STEP, REACH + 0.5 * STEP, STEP) + direction @ origin:
             before = points[-2] if len(points) > 1 else points[-1] - STEP * direction
+            across = np.asarray(np.linalg.solve(self.orbit.factor.T, direction)[None] / HELD, dtype=np.float64)
             row = Knowledge(
-                U=np.linalg.solve(self.orbit.factor.T, direction)[None] / HELD,
+                U=across,
                 mean=least.x + self.orbit.factor @ (s * direction - origin),
             )
             try:

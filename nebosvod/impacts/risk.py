@@ -282,6 +282,6 @@ def _along(
     """Mean sigma of the hits along the line, and how far one sigma moves the point in the target plane."""
     if line is None:
         return None, None
-    white = np.linalg.solve(line.course.orbit.factor, cloud.deviations[passage.hits].T).T
+    white = np.asarray(np.linalg.solve(line.course.orbit.factor, cloud.deviations[passage.hits].T).T, dtype=np.float64)
     nu = float(np.average(line.string.sigma_of(white), weights=cloud.weights[passage.hits]))
     return nu, float(np.linalg.norm(orbits[0].J @ line.string.direction)) if orbits else None

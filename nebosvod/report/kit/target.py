@@ -197,9 +197,10 @@ def _beyond(panel: Panel, view: TargetView, factor: float) -> None:
 
     few = view.points[off_axes(panel, *(factor * view.points.T))] if len(view.points) else np.empty((0, 2))
     if 0 < len(few) <= FEW:
-        at_edge(panel, *(factor * few.T), at(few), GREY, most=3)
+        at_edge(panel, factor * few[:, 0], factor * few[:, 1], at(few), GREY, most=3)
     if view.centre is not None:
-        at_edge(panel, *(factor * view.centre[:, None]), [f"nominal orbit: {at(view.centre[None])[0]}"])
+        x, y = factor * view.centre[:, None]
+        at_edge(panel, x, y, [f"nominal orbit: {at(view.centre[None])[0]}"])
 
 
 Entry = tuple[str, str, dict[str, Any]]
