@@ -12,7 +12,7 @@ from nebosvod.errors import InputError
 from nebosvod.orbits.uncertain import UncertainOrbit
 from nebosvod.planning.coming import Watch
 from nebosvod.planning.decide import Wanted
-from nebosvod.planning.decision import advice, said_chance
+from nebosvod.planning.decision import advice, said_chance, said_share
 from nebosvod.timescale import SECONDS_PER_DAY, Epoch
 from nebosvod.units import ANGLE, DURATION, Dimension, quantity
 
@@ -128,7 +128,7 @@ def print_decision(found: Mapping[str, Any], console: Console | None = None) -> 
     )
     for row in found["visits"]:
         quantiles = [said_chance(row["quantiles"][level]) for level in ("0.01", "0.1", "0.5", "0.9", "0.99")]
-        chances = [f"{100.0 * row[name]:.3g} %" for name in ("chance_below", "chance_above")]
+        chances = [said_share(row[name]) for name in ("chance_below", "chance_above")]
         when = row["epoch_utc"][5:16].replace("T", " ")
         rows.add_row(escape(row["telescope"]), when, *quantiles, *chances)
     out.print(rows)

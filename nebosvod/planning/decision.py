@@ -77,7 +77,12 @@ def advice(found: Mapping[str, Any]) -> str:
     )
 
 
-def _percent(chance: float) -> str:
-    """Of so many truths that none or all of them is no 0 and no certainty."""
+def said_share(chance: float) -> str:
+    """The share of the truths of a visit, in whole percent; that of none or all of them is no 0 and no certainty."""
     whole = f"{100.0 * chance:.0f} %"
-    return {"0 %": "less than 1 %", "100 %": "more than 99 %"}.get(whole, whole)
+    return {"0 %": "< 1 %", "100 %": "> 99 %"}.get(whole, whole)
+
+
+def _percent(chance: float) -> str:
+    """The same in a sentence."""
+    return said_share(chance).replace("<", "less than").replace(">", "more than")

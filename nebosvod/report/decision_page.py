@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from nebosvod.planning.decision import advice, said_chance
+from nebosvod.planning.decision import advice, said_chance, said_share
 from nebosvod.report.kit.base import render
 from nebosvod.report.kit.chart import Chart
 from nebosvod.report.kit.download import csv
@@ -119,7 +119,7 @@ def _table(found: Item) -> Table:
     rows: list[tuple[Cell, ...]] = []
     for row in found["visits"]:
         quantiles = [said_chance(row["quantiles"][level]) for level in SHOWN]
-        chances = [f"{100.0 * row[name]:.3g} %" for name in ("chance_below", "chance_above")]
+        chances = [said_share(row[name]) for name in ("chance_below", "chance_above")]
         rows.append((row["telescope"], _when(row), *quantiles, *chances))
     return Table(
         caption="Quantiles of the probability after one visit, and the chances to decide",

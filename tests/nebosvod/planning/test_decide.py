@@ -22,7 +22,7 @@ from nebosvod.orbits.conversion import balanced_factor
 from nebosvod.orbits.uncertain import UncertainOrbit
 from nebosvod.planning.coming import Watch, visit
 from nebosvod.planning.decide import Decision, Wanted, decide
-from nebosvod.planning.decision import advice
+from nebosvod.planning.decision import advice, said_share
 from nebosvod.planning.watches import watches
 from nebosvod.report.decision_page import make_decision_page
 from nebosvod.scene.instruments import telescopes
@@ -346,3 +346,13 @@ def test_advice_names_no_chance_of_0_and_no_span_from_nothing_to_nothing() -> No
     }  # fmt: skip
     said = advice({"visits": [row], "best": 0, "below": 0.0041, "above": 0.52, "probability": 0.041})
     assert "with more than 99 % and rises above 0.52 with less than 1 %; it will be next to 0 (80 %)" in said
+
+
+def test_shares_of_a_few_hundred_truths_are_no_certainties() -> None:
+    assert [said_share(chance) for chance in (0.0, 1 / 300, 0.35, 0.9967, 1.0)] == [
+        "< 1 %",
+        "< 1 %",
+        "35 %",
+        "> 99 %",
+        "> 99 %",
+    ]
