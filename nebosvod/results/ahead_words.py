@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-CALLED = {"earth": "the Earth", "moon": "the Moon"}
+CALLED = {"earth": "the Earth", "moon": "the Moon", "sun": "the Sun"}
 
 
 def ahead_sentences(ahead: Mapping[str, Any] | None) -> list[str]:

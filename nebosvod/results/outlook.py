@@ -6,6 +6,7 @@ Rows of `predictions` -> rows of `impacts` and sentences, the same for runs and 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
+from nebosvod.results.ahead_words import CALLED
 from nebosvod.timescale import SECONDS_PER_DAY, Epoch
 
 Row = Mapping[str, Any]
@@ -38,7 +39,7 @@ def impact_sentences(summary: Row) -> Iterator[str]:
             said += f", {share} by {drawn['runs']} drawn orbits (95 % interval {low:.3g} to {high:.3g})"
             if not low <= one["impact_probability_linear"] <= high:
                 said += ": the linear one is not to be believed"
-        sigma = one["sigma_time_s"]
+        called, sigma = CALLED.get(one["body"], one["body"].capitalize()), one["sigma_time_s"]
         when = moment_words(one["closest_approach_tdb"], one["time_scale"])
         if sigma is not None and sigma < SECONDS_PER_DAY:
             when += f" +- {duration_words(sigma)}"
@@ -46,10 +47,10 @@ def impact_sentences(summary: Row) -> Iterator[str]:
             place = ""
             if one["impact_longitude_deg"] is not None:
                 place = f", on the ground at {place_words(one['impact_longitude_deg'], one['impact_latitude_deg'])}"
-            yield f"Impact on {one['body']}: {said}; the nominal orbit hits on {when}{place}"
+            yield f"Impact on {called}: {said}; the nominal orbit hits on {when}{place}"
         else:
             yield (
-                f"Impact on {one['body']}: {said}; the nominal orbit misses its centre by "
+                f"Impact on {called}: {said}; the nominal orbit misses its centre by "
                 f"{one['closest_distance_km']:.0f} km on {when}"
             )
 

@@ -38,6 +38,7 @@ function lost(error) {
 function changed() {
   numbers();
   buttons();
+  if (looking) looking.abort();  // the answer of a text that is no more is none
   clearTimeout(timer);
   timer = setTimeout(look, WAIT);
 }

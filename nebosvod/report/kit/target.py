@@ -19,6 +19,7 @@ from nebosvod.report.kit.outline import ANGLES, outline
 from nebosvod.report.kit.plate import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, VERMILION, Plate, thin
 from nebosvod.report.kit.scale import Scale, linear
 from nebosvod.report.kit.wording import count, number
+from nebosvod.results.ahead_words import CALLED
 
 Array = npt.NDArray[np.float64]
 Box = tuple[float, float, float, float]  # low and high of x, low and high of y, km
@@ -147,7 +148,7 @@ def _part(view: TargetView, whole: Box) -> tuple[Box, str] | None:
 
 
 def _the(body: str) -> str:
-    return {"earth": "the Earth", "moon": "the Moon", "sun": "the Sun"}.get(body, body.capitalize())
+    return CALLED.get(body, body.capitalize())
 
 
 def _outside(view: TargetView, box: Box) -> int:

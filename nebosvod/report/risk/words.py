@@ -49,7 +49,9 @@ def unanswered(row: Item) -> bool:
 
 def _share(p: float, width: float) -> str:
     """A probability with the decimals that its interval leaves."""
-    if 0.0 < p < RARE:
+    if p == 0.0:
+        return "next to nothing"  # of a formula: below the smallest number there is
+    if p < RARE:
         return number(p, 2)
     return f"{100.0 * p:.{_decimals(width)}f}{NBSP}%"
 

@@ -236,9 +236,9 @@ def _caption(run: RunFolder) -> Markup:
             if np.any(index == i) and is_near(place[index == i], earth[index == i])]  # fmt: skip
     if near:
         who = wording.join(near)
-        text += Markup(" {} {} on the Earth at the scale of orbits; the picture about the Earth shows {}.").format(
-            who, "lie" if len(near) > 1 else "lies", "them" if len(near) > 1 else "it"
-        )
+        text += Markup(
+            " {} cannot be told from the Earth at the scale of orbits; the picture about it shows {}."
+        ).format(who, "them" if len(near) > 1 else "it")
     return text
 
 

@@ -87,11 +87,11 @@ def impactor(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str, int]:
 
 def test_the_probability_of_impact_is_told_first(impactor: tuple[Path, str, int]) -> None:
     folder, terminal, _ = impactor
-    line = next(line for line in terminal.splitlines()[:4] if line.startswith("Impact on earth: probability"))
+    line = next(line for line in terminal.splitlines()[:4] if line.startswith("Impact on the Earth: probability"))
     assert float(line.split("probability ")[1].split()[0]) == pytest.approx(0.908, abs=2e-3)
     assert " UTC +- " in line
     page = (folder / "run" / "report.html").read_text("utf-8")
-    assert "Impact on earth: probability 0.908" in page[page.index('id="verdict"') :][:2500]
+    assert "Impact on the Earth: probability 0.908" in page[page.index('id="verdict"') :][:2500]
     (found,) = summary_of(folder / "run")["impacts"]
     assert found["nominal_impact"]
     low, high = found["impact_probability_monte_carlo"]["interval_95"]
@@ -213,7 +213,7 @@ def test_a_collision_twelve_years_ahead_is_not_lost(tmp_path: Path, capsys: pyte
     text += "  - {name: impact2038, plane: b_plane, body: earth, near: 2038-07-10T05:30:00 TDB}\n"
     text += "  - {name: too early, plane: b_plane, body: earth, near: 2038-07-01T05:30:00 TDB}\n"
     assert main(["fit", str(written(tmp_path, text)), "-o", str(tmp_path / "fit")]) == 1
-    assert "Impact on earth: probability 0.185 (linear); the nominal orbit hits on 2038-07-10T05:29:2" in (
+    assert "Impact on the Earth: probability 0.185 (linear); the nominal orbit hits on 2038-07-10T05:29:2" in (
         capsys.readouterr().out
     )
     row, early = summary_of(tmp_path / "fit")["predictions"]
@@ -223,7 +223,7 @@ def test_a_collision_twelve_years_ahead_is_not_lost(tmp_path: Path, capsys: pyte
     assert early["status"] == "no_encounter"
     assert "2038-07-10T05:30:3" in early["reason"]
     page = (tmp_path / "fit" / "report.html").read_text("utf-8")
-    assert "Impact on earth: probability 0.185" in page[page.index('id="verdict"') :][:2500]
+    assert "Impact on the Earth: probability 0.185" in page[page.index('id="verdict"') :][:2500]
 
 
 @pytest.mark.parametrize(

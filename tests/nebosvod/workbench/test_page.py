@@ -172,8 +172,7 @@ def test_no_text_kills_the_server(tab: Tab) -> None:
 def test_a_long_computation_does_not_hold_up_the_next_text(tab: Tab) -> None:
     before = tab.sigma_km
     tab.page.locator("#text").fill(MISSION.replace("cadence: 12 h", "cadence: 34 s"))  # 96 000 measurements: seconds
-    tab.page.wait_for_timeout(700)
-    expect(tab.page.locator("#speed")).to_have_text("computing")
+    expect(tab.page.locator("#speed")).to_have_text("computing")  # a second on a quiet machine: no time to lose here
     assert tab.write(MISSION.replace("0.1 arcsec", "0.2 arcsec")) < WITHIN_S
     assert tab.sigma_km == pytest.approx(2.0 * before, rel=1e-9)
 
