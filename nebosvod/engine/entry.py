@@ -110,7 +110,7 @@ def entry_point(trajectory: Trajectory, approach: Encounter, altitude_km: float)
         axes=axes @ to_ground.T,
         position_km=to_ground @ r,
         speed_km_s=float(np.linalg.norm(v)),
-        elevation_rad=float(-np.arcsin(up @ v / np.linalg.norm(v))),
+        elevation_rad=float(-np.arcsin(np.clip(up @ v / np.linalg.norm(v), -1.0, 1.0))),
         place=place,
         place_partials=None if place is None else _on_the_ground(place, to_ground @ moved @ both),
     )
