@@ -3,11 +3,12 @@
 import base64
 import tempfile
 import warnings
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from functools import cached_property
 from html import escape
 from pathlib import Path
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Self, cast
 
 import numpy.typing as npt
 from markupsafe import Markup
@@ -61,7 +62,7 @@ class Page:
         return f'<iframe srcdoc="{escape(self.text)}" sandbox="allow-scripts allow-downloads" {frame}></iframe>'
 
 
-class Answer:
+class Answer(ABC):
     """What a command found.
 
     Attributes
@@ -110,8 +111,9 @@ class Answer:
         found = self.plot.names
         return getattr(self.plot, found[0])() if found else None
 
+    @abstractmethod
     def _page_text(self) -> str:
-        raise NotImplementedError
+        """Its page as HTML."""
 
     @cached_property
     def _made(self) -> tuple[str, Gathered]:
@@ -260,6 +262,11 @@ class Result(FolderAnswer):
     """
 
     kind = "run"
+    pictures: ClassVar[tuple[str, ...]] = (
+        "target_plane",
+        "ellipse",
+        "geometry",
+    )  # what a notebook shows, by preference
 
     @property
     def typed(self) -> Summary:
@@ -296,10 +303,10 @@ class Result(FolderAnswer):
         return RunPlots(self.title, self._run, None if visible is None else texts(visible.columns))
 
     def picture(self) -> PageFigure | None:
-        """The target plane or first ellipse; without one the geometry."""
-        for draw in (self.plot.target_plane, self.plot.ellipse, self.plot.geometry):
+        """The first of its `pictures` that there is."""
+        for name in self.pictures:
             try:
-                return draw()
+                return cast(PageFigure, getattr(self.plot, name)())
             except InputError:
                 continue
         return None
@@ -317,21 +324,13 @@ class Fit(Result):
     """What a fit of real observations found."""
 
     kind, ending = "fit", "fit"
+    pictures = ("target_plane", "ellipse", "residuals")
     headline, facts = Answer.headline, Answer.facts
 
     @property
     def plot(self) -> FitPlots:
         """Figures: `residuals()`, `stations()`, `correlation()`, `target_plane()`, `ellipse()`."""
         return FitPlots(self.title, self._run, None)
-
-    def picture(self) -> PageFigure | None:
-        """The target plane or ellipse of its first prediction; without one the residuals."""
-        for draw in (self.plot.target_plane, self.plot.ellipse, self.plot.residuals):
-            try:
-                return draw()
-            except InputError:
-                continue
-        return None
 
     @property
     def _tone(self) -> str:
