@@ -34,13 +34,13 @@ lock: $(STAMP)
 # environment of its own with a cache of kernels of its own.
 test-newest: $(STAMP)
 	rm -rf build/newest && $(BIN)/uv venv --quiet --python $(BIN)/python build/newest
-	VIRTUAL_ENV=build/newest $(BIN)/uv pip install --quiet --upgrade --editable '.[test,docs]'
-	NUMBA_CACHE_DIR=build/newest/kernels build/newest/bin/pytest -m 'not long' $(WORKERS) -p no:cacheprovider
+	VIRTUAL_ENV=build/newest $(BIN)/uv pip install --quiet --upgrade --editable '.[test,docs,de440]'
+	NUMBA_CACHE_DIR=$(CURDIR)/build/newest/kernels build/newest/bin/pytest -m 'not long' $(WORKERS) -p no:cacheprovider
 
 test-oldest: $(STAMP)
 	rm -rf build/oldest && $(BIN)/uv venv --quiet --python $(BIN)/python build/oldest
-	VIRTUAL_ENV=build/oldest $(BIN)/uv pip install --quiet --resolution lowest-direct --editable '.[test,docs]'
-	NUMBA_CACHE_DIR=build/oldest/kernels build/oldest/bin/pytest -m 'not long' $(WORKERS) -p no:cacheprovider
+	VIRTUAL_ENV=build/oldest $(BIN)/uv pip install --quiet --resolution lowest-direct --editable '.[test,docs,de440]'
+	NUMBA_CACHE_DIR=$(CURDIR)/build/oldest/kernels build/oldest/bin/pytest -m 'not long' $(WORKERS) -p no:cacheprovider
 
 lint: $(STAMP)
 	$(BIN)/ruff check .

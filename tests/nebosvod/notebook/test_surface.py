@@ -84,8 +84,9 @@ def test_every_parameter_of_a_function_is_described(name: str) -> None:
     assert set(inspect.signature(function).parameters) == said
 
 
-def test_a_new_installation_says_once_that_it_compiles(tmp_path: Path) -> None:
+def test_a_new_installation_says_once_that_it_compiles(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A first run without a word takes a minute and more."""
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
     assert not kept(tmp_path)
     (tmp_path / "__pycache__").mkdir()
     (tmp_path / "__pycache__" / "propagation.step-1.py311.nbi").write_bytes(b"")
