@@ -79,6 +79,8 @@ schema: $(STAMP)
 	$(BIN)/nebosvod schema --fit > scenarios/fit.schema.json
 	$(BIN)/nebosvod schema --study > scenarios/study.schema.json
 	$(BIN)/python tools/mission_reference.py
+	$(BIN)/python tools/summaries.py
+	$(BIN)/ruff format --quiet nebosvod/notebook/summaries
 
 hooks: $(STAMP)
 	$(BIN)/pre-commit install

@@ -114,6 +114,7 @@ ROOMS = (
     "nebosvod/studies",
     "nebosvod/workbench",
     "nebosvod/commands",
+    "nebosvod/notebook/summaries",
     "nebosvod/notebook",
     "nebosvod/cli",
 )

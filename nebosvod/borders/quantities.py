@@ -29,6 +29,12 @@ UNITS: Mapping[str, str] = {
     "km_km_s": STATE, "km3_s2": "km3 / s2", "rad_s": "rad / s", "km_s": "km / s", "au_d2": "au / d2", "km2": "km2",
     "rad2": "rad2", "km": "km", "rad": "rad", "kg": "kg", "au": "au", "m": "m", "s": "s", "h": "h",
 }  # fmt: skip
+# endings of keys and columns of results, and their units
+ENDINGS: Mapping[str, str] = {
+    **{key: unit for key, unit in UNITS.items() if key not in ("h", "km_km_s")},
+    "m_s": "m / s", "arcsec": "arcsec", "arcsec_h": "arcsec / h", "deg": "deg", "kg_m3": "kg / m3", "mag": "mag",
+    "km2_s2": "km2 / s2", "deg_d": "deg / d", "1": "",
+}  # fmt: skip
 HARMLESS = {int, float, bool, str, np.ndarray, np.float64, type(None), Epoch}  # types met that need no look
 
 

@@ -16,6 +16,11 @@ from markupsafe import Markup
 from nebosvod.borders.wholefile import write_new_text, write_whole
 from nebosvod.errors import InputError, OutputError, counted
 from nebosvod.notebook.plots import FitPlots, PagePlots, Plots, RunPlots, texts
+from nebosvod.notebook.summaries.alert import AlertSummary
+from nebosvod.notebook.summaries.approaches import ApproachesSummary
+from nebosvod.notebook.summaries.ephemeris import EphemerisSummary
+from nebosvod.notebook.summaries.reading import read
+from nebosvod.notebook.summaries.risk import RiskSummary
 from nebosvod.notebook.tables import Tables
 from nebosvod.notebook.typed import Summary, summary_of
 from nebosvod.report.kit.facts import leading, size
@@ -342,11 +347,21 @@ class Risk(FolderAnswer):
 
     kind = ending = "risk"
 
+    @property
+    def typed(self) -> RiskSummary:
+        """The summary with types: quantities with units, moments as Time."""
+        return read(self.summary, RiskSummary)
+
 
 class Alert(FolderAnswer):
     """How probable an impact is when observations are too few for an orbit."""
 
     kind = ending = "alert"
+
+    @property
+    def typed(self) -> AlertSummary:
+        """The summary with types: quantities with units, moments as Time."""
+        return read(self.summary, AlertSummary)
 
 
 class Listed(FolderAnswer):
@@ -375,12 +390,22 @@ class Sky(Listed):
     kind = ending = "ephemeris"
     shown = ("epoch_utc", "ra_deg", "dec_deg", "semi_major_arcsec", "semi_minor_arcsec", "distance_au", "V")
 
+    @property
+    def typed(self) -> EphemerisSummary:
+        """The summary with types: quantities with units, moments as Time."""
+        return read(self.summary, EphemerisSummary)
+
 
 class Approaches(Listed):
     """What an orbit comes near to, and how near."""
 
     kind = ending = "approaches"
     shown = ("body", "epoch_tdb", "distance_km", "sigma_distance_km", "impact_probability_linear")
+
+    @property
+    def typed(self) -> ApproachesSummary:
+        """The summary with types: quantities with units, moments as Time."""
+        return read(self.summary, ApproachesSummary)
 
 
 KINDS: Mapping[str | None, type[FolderAnswer]] = {

@@ -12,6 +12,13 @@ from nebosvod.borders.stored import read_object
 from nebosvod.borders.wholefile import write_new_text
 from nebosvod.errors import InputError, OutputError
 from nebosvod.notebook.answer import Answer, Item, Page, plain
+from nebosvod.notebook.summaries.comparison import ComparisonSummary
+from nebosvod.notebook.summaries.decision import DecisionSummary
+from nebosvod.notebook.summaries.orbit_comparison import OrbitComparisonSummary
+from nebosvod.notebook.summaries.plan import PlanSummary
+from nebosvod.notebook.summaries.reading import read
+from nebosvod.notebook.summaries.study import StudySummary
+from nebosvod.notebook.summaries.validation import ValidationSummary
 from nebosvod.planning.advice import advice
 from nebosvod.report.comparison_page import make_comparison_page, sentence
 from nebosvod.report.decision_page import make_decision_page
@@ -83,6 +90,11 @@ class Study(Kept):
     kind, file = "study", "study.json"
 
     @property
+    def typed(self) -> StudySummary:
+        """The summary with types: quantities with units, moments as Time."""
+        return read(self.summary, StudySummary)
+
+    @property
     def table(self) -> QTable:
         """One row for each point, with units."""
         return QTable(load_table(self.folder))
@@ -101,6 +113,11 @@ class Validation(Kept):
     """Whether the sigmas of a mission can be believed; `passed` is the verdict."""
 
     kind, file = "validation", "validation.json"
+
+    @property
+    def typed(self) -> ValidationSummary:
+        """The summary with types: quantities with units, moments as Time."""
+        return read(self.summary, ValidationSummary)
 
     @property
     def passed(self) -> bool:
@@ -137,6 +154,11 @@ class Plan(Noted):
     kind = "plan"
 
     @property
+    def typed(self) -> PlanSummary:
+        """The summary with types: quantities with units, moments as Time."""
+        return read(self.summary, PlanSummary)
+
+    @property
     def headline(self) -> str:
         """The advice in a sentence."""
         return advice(self.summary)
@@ -150,6 +172,11 @@ class Decision(Noted):
 
     kind = "decision"
 
+    @property
+    def typed(self) -> DecisionSummary:
+        """The summary with types: quantities with units, moments as Time."""
+        return read(self.summary, DecisionSummary)
+
     def _page_text(self) -> str:
         return make_decision_page(self.summary)
 
@@ -158,6 +185,21 @@ class Comparison(Noted):
     """Several answers side by side."""
 
     kind = "comparison"
+
+    @property
+    def typed(self) -> ComparisonSummary | OrbitComparisonSummary:
+        """The summary with types: quantities with units, moments as Time.
+
+        Raises
+        ------
+        InputError
+            For studies, whose comparison is `summary` alone.
+        """
+        if "runs" not in self.summary:
+            raise InputError("compared studies have no typed summary; `summary` has what there is")
+        if "kind" in self.summary:
+            return read(self.summary, OrbitComparisonSummary)
+        return read(self.summary, ComparisonSummary)
 
     @property
     def title(self) -> str:

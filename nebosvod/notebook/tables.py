@@ -11,14 +11,9 @@ from astropy import units as u
 from astropy.table import Column, MaskedColumn, QTable
 from astropy.time import Time
 
-from nebosvod.borders.quantities import UNITS
+from nebosvod.borders.quantities import ENDINGS
 from nebosvod.results.result import Table
 
-ENDINGS: Mapping[str, str] = {
-    **{key: unit for key, unit in UNITS.items() if key not in ("h", "km_km_s")},
-    "m_s": "m / s", "arcsec": "arcsec", "arcsec_h": "arcsec / h", "deg": "deg", "kg_m3": "kg / m3", "mag": "mag",
-    "km2_s2": "km2 / s2", "deg_d": "deg / d", "1": "",
-}  # fmt: skip
 MOMENT = re.compile(r"^\d{4}-\d{2}-\d{2}T[\d:.]+( (TDB|UTC))?$")
 VECTORS = ("semi_axes", "sigma", "sigma_formal")  # columns of predictions that hold one number for each axis
 

@@ -11,8 +11,8 @@ from astropy import units as u
 from astropy.time import Time
 from astropy.units import Quantity
 
+from nebosvod.borders.quantities import ENDINGS
 from nebosvod.estimation.accuracy.formed import matrix_of
-from nebosvod.notebook.tables import ENDINGS
 from nebosvod.results.outlook import unit_of
 
 Item = Mapping[str, Any]
