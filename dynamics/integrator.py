@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nebosvod.dynamics.collocation import LAST_ROW, STEP_WEIGHTS
-from nebosvod.dynamics.compilation import STATE_ROWS, inlined_kernel, is_compiled, kernel
+from nebosvod.dynamics.compilation import STATE_ROWS, inlined_kernel, is_compiled, kernel, straight
 from nebosvod.dynamics.model import Physics
 from nebosvod.dynamics.nodes import follow_guide, read_ephemeris
 from nebosvod.dynamics.stages import (
@@ -203,7 +203,7 @@ def march(
             if first:  # how long it may be, the bodies tell
                 h = sign * first_step(w, p, tolerance)
                 continue
-        extrapolation(n, h, h_before, w.product, w.extrapolation)
+        extrapolation(n, h, h_before, w.extrapolation)
         for o in range(orbits.shape[0]):  # orbits inside steps: the bodies of a step are fetched once for all
             if sampled:
                 if samples.tide[o] == np.inf:
@@ -270,9 +270,10 @@ def integrate(
     orbits[:, :6] = starts
     expected = len(guide.start) or min(int(abs(end_s) / USUAL_STEP_S) + 16, most)
     steps, status = make_steps(0 if len(samples.tide) else expected, count), FULL
+    forces, one = tuple(p), not len(guide.start) and not len(samples.tide)
     while status == FULL:
-        status = march(
-            n, orbits, strengths, end_s, coefficients, layout, timing, tuple(p), columns, variations, tolerance, guide,
+        status = (straight(march) if one else march)(
+            n, orbits, strengths, end_s, coefficients, layout, timing, forces, columns, variations, tolerance, guide,
             nodes, samples, lasting, clock, steps,
         )  # fmt: skip
         if status == FULL and len(steps.start) >= most:
