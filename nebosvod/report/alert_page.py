@@ -237,7 +237,7 @@ def _history(rows: Sequence[Item]) -> Plate:
     """Probabilities after each observation."""
     start = Epoch.parse(rows[0]["epoch_utc"])
     t = np.array([Epoch.parse(row["epoch_utc"]) - start for row in rows]) / 3600.0
-    chart = Chart("history", height=300.0)
+    chart = Chart("chances-by-time", height=300.0)
     panel = chart.panel(
         linear(t, "h after the first of these"), linear([0.0, 1.0], "probability of impact"), top=8.0, bottom=225.0
     )

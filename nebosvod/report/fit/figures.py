@@ -42,7 +42,7 @@ def _reach(v: Array, chosen: Flags) -> float:
 def _over_time(run: RunFolder, v: Array, t: Array, chosen: Flags) -> Plate:
     """RA* above, Dec below; rejected ones in red, those off the axis as arrowheads with their value."""
     reach, dates = _reach(v, chosen), calendar(run.epoch, t)
-    chart = Chart("residuals", height=330.0)
+    chart = Chart("residuals-by-time", height=330.0)
     days = t / SECONDS_PER_DAY
     for row, part in enumerate(("RA cos Dec", "Dec")):
         y = linear([-reach, reach], "arcsec", pad=0.0, most=5)

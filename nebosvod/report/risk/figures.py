@@ -202,7 +202,7 @@ def history_plate(history: Sequence[Item]) -> Plate | None:
     days, dates = t / SECONDS_PER_DAY, calendar(epochs[0], t, most=3.5)
     low = np.array([one["low"] or one["probability"] or one["high"] for one in history])
     top = np.array([one["high"] for one in history])
-    chart = Chart("history", width=NARROW, height=0.0)
+    chart = Chart("chances-by-night", width=NARROW, height=0.0)
     upper = chart.panel(
         dates.silenced(), logarithmic([*low, *top], "probability"), top=8.0, bottom=150.0, left=62.0
     )  # fmt: skip

@@ -205,12 +205,12 @@ def test_long_lengths_are_written_out_on_a_terminal(
 
 
 def test_the_budget_the_ways_and_the_history_are_there(page: str, summary: dict[str, Any]) -> None:
-    for key in ("budget-0", "ways-0", "ways-1", "history"):
+    for key in ("budget-0", "ways-0", "ways-1", "chances-by-night"):
         assert figure(page, key)
     table = plain(page[page.index('id="table-budget-0"') :].split("</table>")[0].replace("<td", " <td"))
     p = summary["virtual_impactors"][0]["probability"]
     assert f"star catalogue Gaia2 −0.30 ± 0.02 60 % {100.0 * 1.6 * p:.2f} ± 1.00 %" in " ".join(table.split())
-    assert "only a bound" in figure(page, "history")
+    assert "only a bound" in figure(page, "chances-by-night")
 
 
 def test_the_page_is_one_file_that_asks_for_nothing_and_the_same_each_time(risk_folder: Path, page: str) -> None:
