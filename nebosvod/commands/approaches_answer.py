@@ -6,6 +6,7 @@ from typing import Any
 
 import click
 
+from nebosvod.impacts.chance import chance_words
 from nebosvod.timescale import Epoch
 
 Row = Mapping[str, Any]
@@ -27,9 +28,7 @@ def lasting(seconds: float) -> str:
 def chance(row: Row) -> str:
     """Probability of impact."""
     p = row["impact_probability_linear"]
-    if p is None:
-        return "-"
-    return "0" if p < 1e-20 else f"{p:.3g}"
+    return "-" if p is None else chance_words(p)
 
 
 COLUMNS: tuple[tuple[str, Callable[[Row], str]], ...] = (

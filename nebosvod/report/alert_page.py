@@ -9,6 +9,7 @@ import numpy.typing as npt
 from markupsafe import Markup
 
 from nebosvod.borders.stored import read_arrays, read_object
+from nebosvod.impacts.chance import digits
 from nebosvod.report.kit.base import render
 from nebosvod.report.kit.chart import Chart
 from nebosvod.report.kit.download import csv
@@ -18,7 +19,6 @@ from nebosvod.report.kit.stamp import stamp_of
 from nebosvod.report.kit.wording import moment, number
 from nebosvod.report.kit.worldmap import Corridor, maps
 from nebosvod.report.run.tables import Cell, Table
-from nebosvod.results.alert_words import digits
 from nebosvod.timescale import Epoch
 
 Item = Mapping[str, Any]

@@ -118,7 +118,7 @@ def _when(row: Item) -> str:
 def _table(found: Item) -> Table:
     rows: list[tuple[Cell, ...]] = []
     for row in found["visits"]:
-        quantiles = [said_chance(row["quantiles"][level]) for level in SHOWN]
+        quantiles = [said_chance(row["quantiles"][level], row.get("bound")) for level in SHOWN]
         chances = [said_share(row[name]) for name in ("chance_below", "chance_above")]
         rows.append((row["telescope"], _when(row), *quantiles, *chances))
     return Table(

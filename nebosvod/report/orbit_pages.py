@@ -9,6 +9,7 @@ from markupsafe import Markup
 
 from nebosvod.borders.stored import read_object
 from nebosvod.dynamics.surface import SURFACE_KM
+from nebosvod.impacts.chance import chance_words
 from nebosvod.report.kit.base import render
 from nebosvod.report.kit.chart import NARROW, Chart
 from nebosvod.report.kit.download import csv
@@ -100,8 +101,8 @@ def _said(summary: Item) -> Cell:
         quantity(nearest["sigma_distance_km"], "km"),
     )
     if (likely["impact_probability_linear"] or 0.0) >= 1e-12:
-        text += Markup("; the linear chance to hit {} on {} is {:.3g}").format(
-            _called(likely["body"]), moment(likely["epoch_tdb"]), likely["impact_probability_linear"]
+        text += Markup("; the linear chance to hit {} on {} is {}").format(
+            _called(likely["body"]), moment(likely["epoch_tdb"]), chance_words(likely["impact_probability_linear"])
         )
     return text
 
@@ -225,7 +226,7 @@ def _approaches(rows: list[Item]) -> Table | None:
             _pair(row, "xi_km", "zeta_km", ", "),
             _pair(row, "semi_major_km", "semi_minor_km", " × "),
             "–" if row["v_infinity_km_s"] is None else f"{row['v_infinity_km_s']:.3f} km/s",
-            "–" if row["impact_probability_linear"] is None else f"{row['impact_probability_linear']:.3g}",
+            "–" if row["impact_probability_linear"] is None else chance_words(row["impact_probability_linear"]),
         )
         for row in rows
     ]

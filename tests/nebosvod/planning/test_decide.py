@@ -15,14 +15,15 @@ from nebosvod.cli import main
 from nebosvod.dynamics import Ephemeris, ForceModel, propagate
 from nebosvod.dynamics.impact import follow
 from nebosvod.ephemerides.observers import observer
+from nebosvod.estimation.accuracy.preposterior import Foreseen
 from nebosvod.impacts.approaches import approaches
 from nebosvod.mission import load_mission_text
 from nebosvod.observation import observe, residual
 from nebosvod.orbits.conversion import balanced_factor
 from nebosvod.orbits.uncertain import UncertainOrbit
 from nebosvod.planning.coming import Watch, visit
-from nebosvod.planning.decide import Decision, Wanted, decide
-from nebosvod.planning.decision import advice, said_share
+from nebosvod.planning.decide import Decision, Outcome, Wanted, decide
+from nebosvod.planning.decision import advice, said_chance, said_share
 from nebosvod.planning.watches import watches
 from nebosvod.report.decision_page import make_decision_page
 from nebosvod.scene.instruments import telescopes
@@ -342,10 +343,26 @@ def test_advice_names_no_chance_of_0_and_no_span_from_nothing_to_nothing() -> No
     """Of a Moon that a visit all but clears: a hundred truths of which none is above is no 0 %."""
     row = {
         "telescope": "F51", "epoch_utc": "2028-11-20T00:00:00Z", "quantiles": {"0.1": 0.0, "0.9": 0.0},
-        "chance_below": 1.0, "chance_above": 0.0,
+        "bound": 3e-4, "chance_below": 1.0, "chance_above": 0.0,
     }  # fmt: skip
     said = advice({"visits": [row], "best": 0, "below": 0.0041, "above": 0.52, "probability": 0.041})
-    assert "with more than 99 % and rises above 0.52 with less than 1 %; it will be next to 0 (80 %)" in said
+    assert "with more than 99 % and rises above 0.52 with less than 1 %; it will be below 0.0003 (80 %)" in said
+
+
+def test_a_future_probability_of_no_hit_is_told_as_the_bound_it_is(decision: Decision) -> None:
+    """Of 600 orbits that agree with a visit none hits: 0.05^(1/600) is what is left, and never ~0."""
+    one = decision.outcomes[0]
+    seen = Foreseen(
+        truth=np.arange(4), probability=np.array([0.0, 0.0, 0.3, 0.4]), effective=np.array([200.0, 1000.0, 9.0, 9.0]),
+        redrawn=np.zeros(4, dtype=np.bool_),
+    )  # fmt: skip
+    some = Outcome(visit=one.visit, foreseen=seen, hits=np.zeros(4, dtype=np.bool_))
+    assert some.bound == pytest.approx(1.0 - 0.05 ** (1.0 / 600.0))
+    assert said_chance(some.quantiles[0.01], some.bound) == "< 0.005"
+    assert said_chance(0.24, some.bound) == "0.24"
+    assert said_chance(0.99996, some.bound) == "0.99996"
+    hit = replace(some, foreseen=replace(seen, probability=np.full(4, 0.2)))
+    assert hit.bound is None
 
 
 def test_shares_of_a_few_hundred_truths_are_no_certainties() -> None:

@@ -17,12 +17,17 @@ import pytest
 from nebosvod.borders.shape import require_shape, schema_file
 from nebosvod.cli import main
 from nebosvod.commands.risk_answer import print_risk
+from nebosvod.dynamics import Ephemeris
+from nebosvod.impacts.risk import risk
+from nebosvod.orbits.uncertain import UncertainOrbit
 from nebosvod.report.risk.draws import draws_of, is_weighed
 from nebosvod.report.risk.figures import by_weight, plane_plates, ways_plate
 from nebosvod.report.risk.page import make_risk_page
 from nebosvod.report.risk.tables import level_table
 from nebosvod.report.risk.words import agreement, chance, headline
 from nebosvod.results.folder import SCHEMAS
+from nebosvod.results.risk_folder import risk_result
+from nebosvod.timescale import Epoch
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 
@@ -202,6 +207,47 @@ def test_long_lengths_are_written_out_on_a_terminal(
     assert "position known to 19,710 km (1 sigma" in said
     assert "one moves it by 98,580 km" in said
     assert "e+0" not in said
+
+
+def test_a_budget_of_an_older_folder_has_no_reoptimised_elasticity(
+    summary: dict[str, Any], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its rows do not have the keys; one of today with them unknown says the same."""
+    first = summary["virtual_impactors"][0] | {"sigmas": None, "no_budget": None}
+    unknown = {"elasticity_reoptimised": None, "elasticity_reoptimised_error": None}
+    rows = [row | unknown for row in first["budget"]["rows"]]
+    assert not any(unknown.keys() & row.keys() for row in first["budget"]["rows"])
+    said = []
+    for one in (first, first | {"budget": first["budget"] | {"rows": rows}}):
+        print_risk(summary | {"virtual_impactors": [one], "history": None}, None)
+        said.append(capsys.readouterr().out)
+    assert said[0] == said[1]
+    assert "star catalogue Gaia2" in said[0]
+    assert "-0.30 +- 0.02" in said[0]
+    assert "re-optimised" not in said[0]
+
+
+def test_impactors_that_the_estimate_does_not_come_near_stand_in_the_table_of_the_folder(
+    summary: dict[str, Any],
+) -> None:
+    """Of the first the estimate has no approach and no budget is known, of the second both: neither is a column."""
+    unlike = ({"body": "earth", "approach": None, "budget": None, "sigmas": None}, {"body": "moon", "sigmas": 1.5})
+    rows = [summary["virtual_impactors"][0] | one for one in unlike]
+    assert isinstance(rows[1]["approach"], dict)
+    assert isinstance(rows[1]["budget"], dict)
+    state = np.array([1.2e8, 8e7, 3e7, -16.0, 22.0, 9.0])
+    orbit = UncertainOrbit(
+        name="made up", epoch=Epoch.parse("2030-01-01 TDB"), state=state, factor=np.diag([1.0] * 3 + [1e-6] * 3)
+    )
+    bodies = Ephemeris.load()
+    found = risk(orbit, Epoch.parse("2030-01-05 TDB"), bodies, draws=1)
+    table = risk_result(summary | {"virtual_impactors": rows}, found, bodies, "made up", 0.0).tables[
+        "virtual_impactors"
+    ]
+    assert not {"approach", "budget", "ways"} & table.columns.keys()
+    assert table.columns["body"].tolist() == ["earth", "moon"]
+    assert np.isnan(table.columns["sigmas"][0])
+    assert table.columns["sigmas"][1] == 1.5
 
 
 def test_the_budget_the_ways_and_the_history_are_there(page: str, summary: dict[str, Any]) -> None:
