@@ -7,6 +7,7 @@ from typing import Any
 import click
 
 from nebosvod.impacts.chance import chance_words
+from nebosvod.results.ahead_words import CALLED
 from nebosvod.timescale import Epoch
 
 Row = Mapping[str, Any]
@@ -73,4 +74,5 @@ def print_approaches(summary: Mapping[str, Any], folder: Path | None) -> None:
 def _nearest(row: Row | None) -> str:
     if row is None:
         return ""
-    return f"; the nearest is to {row['body']} on {row['epoch_utc'][:10]} at {row['distance_au']:.4g} au"
+    body = CALLED.get(row["body"], row["body"].capitalize())
+    return f"; the nearest is to {body} on {row['epoch_utc'][:10]} at {row['distance_au']:.4g} au"

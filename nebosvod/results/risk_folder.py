@@ -19,6 +19,7 @@ from nebosvod.impacts.scales import Size, cumulative, energy_mt, palermo, torino
 from nebosvod.impacts.ways import Way
 from nebosvod.orbits.uncertain import UncertainOrbit
 from nebosvod.results import orbit_folder
+from nebosvod.results.ahead_words import CALLED
 from nebosvod.results.approaches_folder import row_of
 from nebosvod.results.orbit_folder import SCHEMA_VERSION, columns, orbit_row
 from nebosvod.results.result import Result
@@ -208,7 +209,7 @@ def _warnings(orbit: UncertainOrbit, found: Risk, bodies: list[str]) -> list[str
         count = int(np.count_nonzero(np.isin(cloud.body, other)))
         said.append(f"{count} of {len(cloud)} drawn orbits end on another body ({', '.join(other)})")
     said += [
-        f"{one.body} on {one.epoch.iso('utc', 0)[:10]}: {one.bend.said}"
+        f"{CALLED.get(one.body, one.body.capitalize())} on {one.epoch.iso('utc', 0)[:10]}: {one.bend.said}"
         for one in found.impactors if one.bend is not None and one.bend.matters
     ]  # fmt: skip
     return said

@@ -228,7 +228,8 @@ def history_plate(history: Sequence[Item]) -> Plate | None:
     names = ("until_utc", "n_observations", "probability", "low", "high", "semi_major_km")
     columns = {name: [one.get(name) for one in history] for name in names}
     last = history[-1]
-    caption = Markup("After each night: {} with all {}.").format(
-        chance(last), count(last["n_observations"], "observation")
-    )
+    caption = Markup(
+        "After each night, by orbits drawn about a fit of its own: {} with all {}. The line of variations only shows "
+        "where to look for hits here, and is straight."
+    ).format(chance(last), count(last["n_observations"], "observation"))
     return chart.plate("Probability after each night of observations", caption, [csv("history", columns)])

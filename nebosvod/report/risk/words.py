@@ -6,6 +6,7 @@ from typing import Any
 
 from markupsafe import Markup
 
+from nebosvod.impacts.chance import digits
 from nebosvod.impacts.ways import WORDS, Way, agree
 from nebosvod.report.kit import wording
 from nebosvod.report.kit.wording import NBSP, join, number, percent
@@ -35,7 +36,7 @@ def chance(row: Item, interval: bool = True) -> Markup:
         return Markup('below <data value="{}" data-unit="">{}</data> (95{}%)').format(repr(high), _plain(high), NBSP)
     spread = Markup("")
     if interval and high > low:
-        first, last = _pair(low, high)
+        first, last = _pair(p, low, high)
         spread = Markup(" ({} to {})").format(first, last)
     shown = Markup('<data value="{}" data-unit="">{}</data>').format(repr(p), _share(p, high - low))
     rare = f", one in {number(float(f'{1.0 / p:.1e}'), 2)}" if 0.0 < p < RARE else ""
@@ -53,20 +54,26 @@ def _share(p: float, width: float) -> str:
         return "next to nothing"  # of a formula: below the smallest number there is
     if p < RARE:
         return number(p, 2)
-    return f"{100.0 * p:.{_decimals(width)}f}{NBSP}%"
+    return f"{100.0 * p:.{_decimals(p, width)}f}{NBSP}%"
 
 
-def _pair(low: float, high: float) -> tuple[str, str]:
+def _pair(p: float, low: float, high: float) -> tuple[str, str]:
     """The ends of an interval, in the form of the probability between them."""
     if high < RARE:
         return number(low, 2), number(high, 2)
-    digits = _decimals(high - low)
-    return f"{100.0 * low:.{digits}f}", f"{100.0 * high:.{digits}f}"
+    n = _decimals(p, high - low)
+    return f"{100.0 * low:.{n}f}", f"{100.0 * high:.{n}f}"
 
 
-def _decimals(width: float) -> int:
-    """Decimals of a percentage with an interval of this width: half of it has then 2 to 20 units of the last one."""
-    return 1 if width <= 0.0 else min(max(0, math.ceil(-math.log10(25.0 * width))), 4)
+def _decimals(p: float, width: float) -> int:
+    """Decimals of a percentage with an interval of this width: half of it has then 2 to 20 units of the last one.
+
+    Two digits of a probability are told in any case; of one without an interval as many as anywhere.
+    """
+    first = 1 + math.floor(math.log10(100.0 * p))  # digits before the point
+    if width <= 0.0:
+        return max(digits(p) - first, 0)
+    return min(max(0, 2 - first, math.ceil(-math.log10(25.0 * width))), 4)
 
 
 def _plain(value: float) -> str:

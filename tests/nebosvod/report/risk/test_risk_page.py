@@ -23,7 +23,7 @@ from nebosvod.orbits.uncertain import UncertainOrbit
 from nebosvod.report.risk.draws import draws_of, is_weighed
 from nebosvod.report.risk.figures import by_weight, plane_plates, ways_plate
 from nebosvod.report.risk.page import make_risk_page
-from nebosvod.report.risk.tables import level_table
+from nebosvod.report.risk.tables import corridor_table, level_table
 from nebosvod.report.risk.words import agreement, chance, headline
 from nebosvod.results.folder import SCHEMAS
 from nebosvod.results.risk_folder import risk_result
@@ -80,6 +80,10 @@ def test_the_headline_says_how_probable_when_whether_the_ways_agree_and_who_is_t
         ((None, 0.0, 3e-4, True), "below 3.0 × 10⁻⁴ (95 %)"),
         ((None, 0.0, 0.03, True), "below 3.0 % (95 %)"),
         ((1.0, 0.997, 1.0, False), "100.00 % (99.70 to 100.00)"),
+        ((0.0035, 0.00141, 0.0072, False), "0.35 % (0.14 to 0.72)"),
+        ((0.00118, 0.00118, 0.00118, False), "0.118 %"),
+        ((0.185, 0.185, 0.185, False), "18.5 %"),
+        ((0.99997, 0.99997, 0.99997, False), "99.9970 %"),
     ],
 )
 def test_probabilities_have_the_digits_that_their_intervals_leave(row: tuple[Any, ...], said: str) -> None:
@@ -165,7 +169,7 @@ def test_every_hit_is_seen_near_the_earth_and_the_line_of_variations_with_it(ris
     )  # the Moon has its own
 
 
-def test_the_corridor_stands_on_a_map_and_in_a_table_by_time(risk_folder: Path, page: str) -> None:
+def test_the_corridor_stands_on_a_map_and_in_a_table_from_end_to_end(risk_folder: Path, page: str) -> None:
     arrays = np.load(risk_folder / "arrays.npz")
     hits = arrays["hits_0"]
     dots = figure(page, "map-corridor").split('data-n="drawn orbits"')[1].split("/>")[0]
@@ -176,6 +180,24 @@ def test_the_corridor_stands_on_a_map_and_in_a_table_by_time(risk_folder: Path, 
     assert f"{abs(east):.2f}° {'E' if east > 0 else 'W'}, {arrays['latitude_deg'][first]:.2f}° N" in table
     when = datetime(2026, 6, 21) + timedelta(seconds=float(arrays["hit_t_s"][first]) - 69.184)  # TDB - UTC
     assert any(f"{when + timedelta(seconds=k):%Y-%m-%d %H:%M:%S}" in table for k in (0, 1))  # rounded, not cut
+
+
+def test_a_corridor_that_times_go_to_and_fro_along_is_told_from_end_to_end() -> None:
+    """Hits along a line, the middle one first in time, as the Earth's curve has it: places must not jump."""
+    s = np.linspace(-1.0, 1.0, 101)
+    arrays = {
+        "weights": np.ones(101), "hit_body": np.full(101, "earth"), "hit_t_s": 600.0 * (s - 0.2) ** 2,
+        "longitude_deg": 60.0 * s, "latitude_deg": 5.0 * s, "speed_km_s": np.full(101, 20.0),
+        "elevation_deg": np.full(101, 45.0), "hits_0": np.ones(101, dtype=np.bool_),
+        "grazes_0": np.zeros(101, dtype=np.bool_), "xi_zeta_km_0": np.stack([100.0 * s, 5000.0 * s], axis=1),
+    }  # fmt: skip
+    table = corridor_table({"body": "earth", "number": 0}, arrays, "2030-01-01T00:00:00 TDB")
+    assert table is not None
+    assert [plain(str(row[2]))[:6] for row in table.rows] in (
+        ["60.00°", "54.00°", "30.00°", "0.00° ", "30.00°", "54.00°", "60.00°"],
+        ["60.00°", "54.00°", "30.00°", "0.00°", "30.00°", "54.00°", "60.00°"],
+    )
+    assert [row[0] for row in table.rows][::6] == ["one end", "the other end"]
 
 
 def test_an_entry_at_100_km_is_told_of_the_earth_alone() -> None:
