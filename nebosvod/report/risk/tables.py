@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from markupsafe import Markup
 
-from nebosvod.report.kit.wording import DASH, NBSP, moment, number, percent, product, quantity
+from nebosvod.report.kit.wording import DASH, MINUS, NBSP, moment, number, percent, product, quantity
 from nebosvod.report.risk.draws import Arrays, draws_of
 from nebosvod.report.risk.words import body_name, chance, way_name
 from nebosvod.report.run.tables import Cell, Table
@@ -40,8 +40,7 @@ def impactor_table(rows: Sequence[Item]) -> Table | None:
         ("stretching, km/σ", "r", lambda row: _plain(row.get("stretching_km"))),
         ("v∞", "r", lambda row: _speed(_incoming(row))),
         ("energy", "r", lambda row: DASH if row["energy_mt"] is None else f"{number(row['energy_mt'])} Mt"),
-        ("Palermo", "r", lambda row: DASH if row["palermo"] is None else f"{row['palermo']:.2f}".replace("-", "−")),
-        ("Torino", "r", lambda row: DASH if row["torino"] is None else str(row["torino"])),
+        ("Palermo, Torino", "r", _scales),
     ]
     used = [c for c in columns if any(c[2](row) != DASH for row in rows)]
     cells: list[tuple[Cell, ...]] = [tuple(make(row) for _, _, make in used) for row in rows]
@@ -58,6 +57,13 @@ def _plain(value: float | None) -> str:
 def _signed(value: float | None) -> str:
     """Sigmas with two decimals."""
     return DASH if value is None else f"{value:.2f}".replace("-", "−")
+
+
+def _scales(row: Item) -> str:
+    """Palermo scale, and Torino where it is defined."""
+    if row["palermo"] is None:
+        return DASH
+    return f"{row['palermo']:.2f}".replace("-", MINUS) + ("" if row["torino"] is None else f", {row['torino']}")
 
 
 def _incoming(row: Item) -> float | None:
