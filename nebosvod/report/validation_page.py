@@ -86,7 +86,9 @@ def _answers(found: Item, claims: Sequence[tuple[str, str, Item]]) -> list[tuple
     judged: list[Cell] = [
         Markup("<b>{}</b>: {}.").format(title_of(name, kind), one["verdict"]) for name, kind, one in claims
     ]
-    failed = [Markup("<b>{}</b>: {}.").format(e["name"], e["reason"]) for e in found["estimators"] if e["reason"]]
+    failed: list[Cell] = [
+        Markup("<b>{}</b>: {}.").format(e["name"], e["reason"]) for e in found["estimators"] if e["reason"]
+    ]
     wrong = [one for one in claims if not one[2]["consistent"]]
     first: list[Cell] = []
     if claims:

@@ -161,7 +161,7 @@ class Chart:
         body = [part if isinstance(part, str) else part.text(drawn) for part in self.parts]
         head = (
             f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {self.width:g} {self.height:g}" role="img" '
-            f'style="--w:{self.width:g}" aria-label="{escape(label)}">'
+            f'style="--w:{self.width:g};--h:{self.height:g}" aria-label="{escape(label)}">'
         )
         return Markup(head + "\n" + "\n".join(one for one in body if one) + "\n</svg>")
 

@@ -38,8 +38,8 @@ def test_noise_twice_too_large_or_too_small_is_told_with_its_size() -> None:
     assert small is not None
     assert large is not None
     assert right is not None
-    assert (small.where, small.factor, small.usable) == ("below", pytest.approx(0.5), False)
-    assert (large.where, large.factor, large.usable) == ("above", pytest.approx(2.0), False)
+    assert (small.where, small.usable, large.where, large.usable) == ("below", False, "above", False)
+    assert (small.factor, large.factor) == pytest.approx((0.5, 2.0))
     assert right.usable
     assert agreement(0.93 * 20000, 20000).usable  # type: ignore[union-attr] # told, but no sigma changes by a tenth
     assert agreement(3.0, 0) is None
