@@ -105,7 +105,7 @@ def _answers(summary: Item, first: list[Item]) -> list[tuple[str, list[Cell]]]:
     if not first:
         drawn = summary["sampling"]
         told = f"None of {count(drawn['draws'], 'drawn orbit')} hits; they cannot see a probability below the bound."
-        return [*said, ("What that means", [told])]
+        return [*said, ("Can it be believed", [told])]
     row = first[0]
     said.append(("How accurate", nominal_words(row)))
     blame = blame_words(row)
