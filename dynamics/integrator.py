@@ -212,7 +212,7 @@ def march(
             converged, noise, size = solve_state(n, w, p, h)
             error, limit = last_coefficient(w.A) / size, max(tolerance, noise)
             if not converged or error > excess * limit:
-                if sampled:
+                if sampled and guided:
                     leave(o, LEFT, t, w, samples)
                 continue
             if variations:
@@ -227,7 +227,7 @@ def march(
                 if down:
                     leave(o, DOWN, t_next, w, samples)
         shown = following
-        if not sampled and (not converged or error > excess * limit):
+        if not (sampled and guided) and (not converged or error > excess * limit):
             if guided:
                 status = OFF_GRID
                 break
@@ -235,6 +235,8 @@ def march(
             h_before = h_before if converged else 0.0
             continue
         t, h_before, taken = t_next, h, taken + 1
+        if down and not guided:
+            break
         h = next_step(h, error, limit)
     clock[0], clock[1], clock[2], clock[3] = t, h, h_before, taken
     return TOO_MANY_STEPS if taken >= MOST_STEPS and sign * (end_s - t) > 0.0 else status
@@ -260,7 +262,7 @@ def integrate(
     guide, nodes : steps of a near orbit over the same span and the ephemeris at their nodes: the orbits take the same
         steps, and iterate their difference from the guide; no steps if there is none.
     samples : where to evaluate many orbits, which needs a guide and brings no steps and no variations; empty for one
-        orbit, of which the steps are wanted.
+        orbit, of which the steps are wanted. Without a guide and without times one orbit is watched on steps of its own.
     most : how many steps of one orbit there may be, up to MOST_STEPS; each keeps 0.3 to 3 kB.
 
     Returns a status (OK, STALLED, TOO_MANY_STEPS, or OFF_GRID if the guide's steps do not suit) and the accepted steps.
