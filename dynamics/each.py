@@ -41,7 +41,7 @@ def fates_of_each(
     CoverageError
         If the end is outside the ephemeris.
     """
-    low_s, high_s, window, sun, physics = arc_of(forces, epoch, min(end_s, 0.0), max(end_s, 0.0), 0.0)
+    _, _, window, sun, physics = arc_of(forces, epoch, min(end_s, 0.0), max(end_s, 0.0), 0.0)
     arc = (window.coefficients, window.layout, window.timing, physics, NO_COLUMNS, False, tolerance, *NO_GUIDES[0])
     rows, count = [], len(states_km_km_s)
     room = np.empty((ROOM, RECORD))

@@ -185,7 +185,7 @@ def march(
     converged, down, error, limit, excess = True, False, 0.0, 0.0, EXCESS_ON_A_GRID if guided else EXCESS
     if taken == 0:
         begin(n, m, w, orbits[0], strengths[0])
-    while sign * (end_s - t) > 0.0 and taken < MOST_STEPS:
+    while sign * (end_s - t) > 0.0 and taken < MOST_STEPS and (guided or not down):
         if not sampled and taken == steps.start.shape[0]:
             status = FULL
             break
@@ -235,8 +235,6 @@ def march(
             h_before = h_before if converged else 0.0
             continue
         t, h_before, taken = t_next, h, taken + 1
-        if down and not guided:
-            break
         h = next_step(h, error, limit)
     clock[0], clock[1], clock[2], clock[3] = t, h, h_before, taken
     return TOO_MANY_STEPS if taken >= MOST_STEPS and sign * (end_s - t) > 0.0 else status
@@ -262,7 +260,7 @@ def integrate(
     guide, nodes : steps of a near orbit over the same span and the ephemeris at their nodes: the orbits take the same
         steps, and iterate their difference from the guide; no steps if there is none.
     samples : where to evaluate many orbits, which needs a guide and brings no steps and no variations; empty for one
-        orbit, of which the steps are wanted. Without a guide and without times one orbit is watched on steps of its own.
+        orbit, of which the steps are wanted. With neither guide nor times one orbit is watched on steps of its own.
     most : how many steps of one orbit there may be, up to MOST_STEPS; each keeps 0.3 to 3 kB.
 
     Returns a status (OK, STALLED, TOO_MANY_STEPS, or OFF_GRID if the guide's steps do not suit) and the accepted steps.

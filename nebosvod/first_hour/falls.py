@@ -150,8 +150,9 @@ def flown(tracklet: Tracklet, draws: Draws, within_d: float) -> Falls:
     place, velocity = np.full((m, 3), np.nan), np.full((m, 3), np.nan)
     rows = np.flatnonzero(near)
     if rows.size:
-        end_s = within_d * DAY_S
-        fates = fates_of_each(draws.states[rows], tracklet.epoch, end_s, tracklet.forces, "earth", WATCHED_KM, TOLERANCE)
+        fates = fates_of_each(
+            draws.states[rows], tracklet.epoch, within_d * DAY_S, tracklet.forces, "earth", WATCHED_KM, TOLERANCE
+        )
         hit = rows[fates.impact]
         body[hit], t_s[hit] = fates.body[fates.impact], fates.t_s[fates.impact]
         place[hit], velocity[hit] = fates.position_km[fates.impact], fates.velocity_km_s[fates.impact]

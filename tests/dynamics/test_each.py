@@ -80,14 +80,13 @@ def test_orbits_torn_apart_have_the_fates_of_orbits_flown_one_by_one(full_forces
     end_s = sign * 2.0 * DAY_S
     found = fates(forces, rows, sign * 2.0)
     for k, start in enumerate(about_the_earth(forces, rows)):
-        try:
-            one = propagate(start, EPOCH, [end_s], forces, False, tolerance=1e-12, margin_s=0.0)
-        except ImpactError as hit:
-            assert found.impact[k]
-            assert found.t_s[k] == pytest.approx(hit.t_s, abs=0.01)
+        if found.impact[k]:
+            with pytest.raises(ImpactError) as caught:
+                propagate(start, EPOCH, [end_s], forces, False, tolerance=1e-12, margin_s=0.0)
+            assert found.t_s[k] == pytest.approx(caught.value.t_s, abs=0.01)
             continue
+        one = propagate(start, EPOCH, [end_s], forces, False, tolerance=1e-12, margin_s=0.0)
         events = find_encounters(one, "earth", ANYWHERE_KM)
-        assert not found.impact[k]
         assert (found.body[k] == "earth") == bool(events)
         if events:
             assert found.distance_km[k] == pytest.approx(min(event.distance_km for event in events), abs=1e-3)
