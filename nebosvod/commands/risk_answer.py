@@ -14,6 +14,7 @@ from nebosvod.impacts.chance import bound_words, chance_words, row_words
 from nebosvod.impacts.scales import Size
 from nebosvod.impacts.ways import WORDS
 from nebosvod.mission.fields import observation_time
+from nebosvod.results.ahead_words import CALLED
 from nebosvod.timescale import Epoch
 from nebosvod.units import LENGTH, quantity
 
@@ -85,7 +86,7 @@ def print_risk(summary: Row, folder: Path | None) -> None:
             click.echo(line)
     if not summary["virtual_impactors"]:
         bound = f"P {bound_words(summary['sampling']['high'])}"
-        where = " or ".join(summary["bodies"])
+        where = " or ".join(CALLED.get(body, body.capitalize()) for body in summary["bodies"])
         click.echo(
             f"\nno virtual impactor of {where} until {summary['until_utc'][:10]}: none of "
             f"{summary['n_draws']} drawn orbits hits, {bound}, and no other way finds one in reach of 7 sigma"

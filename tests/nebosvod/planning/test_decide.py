@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from nebosvod.dynamics.impact import follow
 from nebosvod.ephemerides.observers import observer
 from nebosvod.estimation.accuracy.preposterior import Foreseen
 from nebosvod.impacts.approaches import approaches
+from nebosvod.impacts.flight import WIDER_KM, Course
 from nebosvod.mission import load_mission_text
 from nebosvod.observation import observe, residual
 from nebosvod.orbits.conversion import balanced_factor
@@ -312,6 +314,28 @@ def test_where_linear_is_wrong_the_distribution_is_that_of_fresh_fits(bodies: Ep
     for threshold in (1e-3, 0.01, 0.03, 0.1):
         share = float(np.mean(each > threshold))
         assert np.mean(ours > threshold) == pytest.approx(share, abs=3.0 * np.sqrt(share / fits))
+
+
+@pytest.mark.long
+def test_where_linear_is_wrong_truths_that_end_at_a_probability_hit_that_often(bodies: Ephemeris) -> None:
+    """10,000 truths of the bent orbit, each flown to its fate, inside the 99 % binomial band in every class of P."""
+    orbit, until = bent(bodies), IMPACT + 20.0 * DAY
+    first = orbit.epoch + 150.0 * DAY
+    wanted = Wanted(
+        first=first, last=first, step_s=DAY, exposures=3, spacing_s=600.0, until=until, bodies=("earth",),
+        draws=60_000, truths=10_000,
+    )  # fmt: skip
+    foreseen = decide(orbit, [geocentre(SIGMA)], wanted, bodies).outcomes[0].foreseen
+    u = np.random.default_rng(np.random.SeedSequence(wanted.seed)).standard_normal((wanted.draws, 6))
+    course = Course(orbit=orbit, ephemeris=bodies, last=until, bodies=("earth",), within_km=WIDER_KM)
+    hits = course.fly(u[foreseen.truth] @ orbit.factor.T).body == "earth"
+    assert np.count_nonzero(hits) > 20
+    P, edges = foreseen.probability, [-1.0, 1e-4, 1e-3, 0.01, 0.05, 0.2, 1.0]
+    for low, high in pairwise(edges):
+        some = (low < P) & (high >= P)
+        if some.any():
+            least, most = binom.ppf([0.005, 0.995], np.count_nonzero(some), P[some].mean())
+            assert least <= np.count_nonzero(hits[some]) <= most, (low, high)
 
 
 @pytest.mark.skipif(not PDC27.is_file(), reason="the folder of reference data is not here")
