@@ -40,13 +40,32 @@ html_show_sphinx = False
 def _adapt(app: Any, name: str, source: list[str]) -> None:
     """Fit a page, written to be read as a plain file as well, into the site.
 
-    Links to files beside the documentation lead nowhere on the site and become text; the navigation is made from the
-    list that the index page shows its readers, so that there is one list, not two.
+    Links to files beside the documentation lead nowhere on the site and become text, but notebooks, which can be taken
+    from it; the navigation is made from the lists that the index page shows its readers, so that there is one list, not
+    two.
     """
-    source[0] = re.sub(r"(?<!!)\[([^\]]*)\]\(\.\./[^)]*\)", r"\1", source[0])
+    source[0] = re.sub(r"(?<!!)\[([^\]]*)\]\(\.\./[^)]*(?<!\.ipynb)\)", r"\1", source[0])
     if name == root_doc:
-        pages = dict.fromkeys(re.findall(r"\]\((\w[\w-]*)\.md\)", source[0]))
-        source[0] += "\n".join(["\n\n```{toctree}", ":hidden:", *pages, "```", ""])
+        source[0] += _navigation(source[0])
+
+
+LIST = re.compile(r"^(To [\w ]+)[^\n]*:\n\n((?:(?:\d+\. |   ).*\n)+)", re.MULTILINE)
+
+
+def _navigation(index: str) -> str:
+    """The lists of the index page as trees of contents, each under what stands before its list."""
+    lines, listed = ["", ""], set[str]()
+    for caption, pages in LIST.findall(index):
+        named = dict.fromkeys(re.findall(r"\]\((\w[\w-]*)\.md\)", pages))
+        lines += [
+            "```{toctree}",
+            ":hidden:",
+            f":caption: {caption}",
+            *(page for page in named if page not in listed),
+            "```",
+        ]
+        listed |= set(named)
+    return "\n".join([*lines, ""])
 
 
 ENTRY = re.compile(r"^([\w*, ]+) : (.*)$")

@@ -219,29 +219,27 @@ def test_every_kind_of_figure_stands_in_the_gallery() -> None:
     assert {name for name in names if f".plot.{name}()" not in code} == set()
 
 
-def test_the_site_is_made_without_a_warning(tmp_path: Path) -> None:
-    """Pictures are made by the tests above."""
-    made = subprocess.run(
-        [
-            sys.executable,
-            "-m",
-            "sphinx",
-            "-q",
-            "-W",
-            "--keep-going",
-            "-d",
-            tmp_path / "cache",
-            ROOT / "docs",
-            tmp_path / "site",
-        ],
-        capture_output=True,
-        text=True,
-        check=False,
-        env={**os.environ, "NEBOSVOD_PICTURES": "none"},
-    )
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The documentation as a site, made without a warning; its pictures are made by the tests above."""
+    folder = tmp_path_factory.mktemp("site")
+    command = [sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", "-d", folder / "cache"]
+    environment = {**os.environ, "NEBOSVOD_PICTURES": "none"}
+    command += [ROOT / "docs", folder]
+    made = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
     assert made.returncode == 0, made.stderr
-    page = (tmp_path / "site" / "index.html").read_text("utf-8")
+    return folder
+
+
+def test_every_page_is_reached_from_the_first_of_the_site(site: Path) -> None:
+    page = (site / "index.html").read_text("utf-8")
     assert [name for name in PAGES[1:] if f'href="{name.stem}.html"' not in page and name.stem != "index"] == []
+    assert page.count('class="caption"') == 4
+
+
+def test_a_notebook_can_be_taken_from_the_site(site: Path) -> None:
+    (link,) = re.findall(r'href="(_downloads/[^"]+\.ipynb)"', (site / "python.html").read_text("utf-8"))
+    assert (site / link).read_bytes() == (ROOT / "examples" / "impactor_at_l1.ipynb").read_bytes()
 
 
 def test_following_the_quick_start_gives_what_it_shows(elsewhere: Path) -> None:
@@ -292,20 +290,24 @@ def test_following_the_page_on_propagation_gives_what_it_shows(elsewhere: Path) 
     assert {path.name for path in elsewhere.iterdir()} == {"apophis.bsp", "apophis.oem"}
 
 
-def test_the_api_reference_describes_every_public_name(tmp_path: Path) -> None:
-    """Each class, function and module that a door shows."""
-    command = [sys.executable, "-m", "sphinx", "-q", "-b", "text", "-d", str(tmp_path / "cache"), str(ROOT / "docs")]
-    command += [str(tmp_path / "text"), str(ROOT / "docs" / "api.md")]
-    made = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert made.returncode == 0, made.stderr
-    page = (tmp_path / "text" / "api.txt").read_text("utf-8")
+def test_the_api_reference_describes_every_public_name(site: Path) -> None:
+    """Each class, function and module that a door shows, at a place of its own."""
+    page = (site / "api.html").read_text("utf-8")
     wanted = set()
     for door in (nebosvod, nebosvod.dynamics, nebosvod.observation, nebosvod.estimation, nebosvod.mission):
         for name in door.__all__:
             thing = getattr(door, name)
             if isinstance(thing, ModuleType):
-                wanted.add(thing.__name__)
+                wanted.add(f"module-{thing.__name__}")
             elif isinstance(thing, type | FunctionType):
                 wanted.add(f"{door.__name__}.{name}")
     assert len(wanted) > 130
-    assert {name for name in wanted if name not in page} == set()
+    assert {name for name in wanted if f'id="{name}"' not in page} == set()
+
+
+def test_the_api_reference_describes_the_typed_summary_of_every_command(site: Path) -> None:
+    page = (site / "api.html").read_text("utf-8")
+    made = [path.stem for path in (ROOT / "nebosvod" / "notebook" / "summaries").glob("*.py")]
+    whole = {name for name in made if f'id="module-nebosvod.notebook.summaries.{name}"' in page}
+    assert whole == set(made) - {"__init__", "reading", "shape", "typed"}
+    assert 'id="nebosvod.notebook.summaries.risk.RiskSummary"' in page

@@ -109,12 +109,13 @@ class _Module:
         return _whole(node, self.root)
 
     def _doc(self, block: Node, name: str, plans: list[Plan]) -> list[str]:
-        said = block.get("$words") or block.get("description" if "$words" not in block else "title") or _words(name)
-        lines = textwrap.wrap(f'"""{_python(str(said))}.', WIDTH - 4)
-        rows = [(one.name, self._said(one)) for one in plans]
-        rows = [(field, text) for field, text in rows if text]
-        if not rows:
-            return [*lines[:-1], f'{lines[-1]}"""']
+        title = block.get("$words") or block.get("description" if "$words" not in block else "title") or _words(name)
+        lines = textwrap.wrap(f'"""{_python(str(title))}.', WIDTH - 4)
+        said = {one.name: self._said(one) for one in plans}
+        rows = [(field, words) for field, words in said.items() if words]
+        plain = [field for field, words in said.items() if not words]
+        together = textwrap.wrap(", ".join(plain), WIDTH - 30)  # what stands before a colon is one line
+        rows += [(names.rstrip(","), "what the name says") for names in together]
         lines += ["", "Parameters", "----------"]
         for field, text in rows:
             lines += textwrap.wrap(f"{field} : {text}.", WIDTH - 4, subsequent_indent="    ")

@@ -2,6 +2,8 @@
 
 import os
 import sys
+from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 
 import click
@@ -38,9 +40,10 @@ def open(mission: str, output: Path | None, port: int, browser: bool) -> int:
         click.echo(f"{desk.name} is open at {address}\nCtrl-C ends it")
         sys.stdout.flush()
         if browser and _desktop():
-            _show(address)
+            held.callback(_show(address))
 
-    serve(desk, output, port, tell)
+    with ExitStack() as held:
+        serve(desk, output, port, tell)
     return 0
 
 
@@ -49,9 +52,20 @@ def _desktop() -> bool:
     return sys.platform == "darwin" or any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
 
 
-def _show(address: str) -> None:
-    """Open the page; whoever has no browser has the address."""
+def _show(address: str) -> Callable[[], None]:
+    """Open the page; whoever has no browser has the address. Returns what takes away the file it was opened by.
+
+    The address holds the token, and every user of a machine may read the command lines of its processes: a browser is
+    given a file that only its owner can read.
+    """
+    import tempfile
     import threading
     import webbrowser
 
-    threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()
+    folder = tempfile.TemporaryDirectory(prefix="nebosvod-")  # of mode 700
+    page = Path(folder.name) / "open.html"
+    page.write_text(
+        f'<!DOCTYPE html><meta http-equiv="refresh" content="0; url={address}"><a href="{address}">open</a>\n'
+    )
+    threading.Thread(target=webbrowser.open, args=(page.as_uri(),), daemon=True).start()
+    return folder.cleanup

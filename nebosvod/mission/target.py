@@ -122,7 +122,8 @@ class Body(Block):
         given = [one if getattr(self, one) is not None else other for one, other in pairs if self._either(one, other)]
         if given and len(given) < len(pairs):
             missing = [f"{one} (or {other})" for one, other in pairs if not self._either(one, other)]
-            found.append(((given[0],), f"radiation pressure also needs {' and '.join(missing)}"))
+            needs = f"radiation pressure also needs {' and '.join(missing)}; how bright it is says magnitude.H alone"
+            found.append(((given[0],), needs))
         if self.thermal_emission is not None and not given:
             found.append((("thermal_emission",), "needs radius, mass and albedo: it is a part of radiation pressure"))
         if self.geometric_albedo is not None and self.magnitude is None:

@@ -4,7 +4,6 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from nebosvod.mission.bias import Bias, Pair, one_or_pair, sigma_update
 from nebosvod.mission.declared import TrueNoise
 from nebosvod.mission.fields import (
     Altitude,
@@ -18,9 +17,8 @@ from nebosvod.mission.fields import (
     Text,
     When,
 )
-from nebosvod.mission.position import Position
 from nebosvod.mission.spacecraft import Ground, TelescopeOrbit
-from nebosvod.mission.uncertainty import PlateScale, Timing
+from nebosvod.mission.uncertainty import Bias, Pair, PlateScale, Position, Timing, one_or_pair, sigma_update
 
 NAUTICAL_TWILIGHT = -12.0 / 57.29577951308232  # rad, altitude of the Sun at its end
 LEAST_ALTITUDE = 20.0 / 57.29577951308232  # rad, 2.9 air masses

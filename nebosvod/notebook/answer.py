@@ -238,6 +238,13 @@ class FolderAnswer(Answer):
             raise
         return place
 
+    def lent(self, parent: Path, ending: str = "") -> Path:
+        """Its files, without the page, in a new folder for another function to read."""
+        folder = parent / f"{self._slug}-{ending or self.ending}"
+        folder.mkdir(parents=True)
+        write_files(folder, self.stored, lambda _: "")
+        return folder
+
     @property
     def _slug(self) -> str:
         from nebosvod.mission.slugs import slug

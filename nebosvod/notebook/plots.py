@@ -93,11 +93,19 @@ class RunPlots(Plots):
         rows = self._predictions(prediction)
         return self._first(self._ellipses(rows), f"no prediction with two axes ({self._named()})")
 
-    def ground(self, prediction: str | None = None) -> PageFigure:
-        """A map of where the orbit comes down."""
+    def ground(self, prediction: str | None = None, near: bool = False) -> PageFigure:
+        """A map of where the orbit comes down.
+
+        Parameters
+        ----------
+        prediction : its name; the first entry by default.
+        near : its neighbourhood, with the ellipse, instead of the world.
+        """
         rows = [row for row in self._predictions(prediction) if row["plane"] == "entry"]
         plates = [plate for row in rows for plate in encounters.entry_plates(self._run, row)]
-        return self._first(plates, "no prediction of an entry")
+        wanted = [plate for plate in plates if plate.key.endswith("-near") == near]
+        missing = "a place of entry as large as a map of the world" if plates and near else "no prediction of an entry"
+        return self._first(wanted, missing)
 
     def geometry(self) -> PageFigure:
         """Sun, Earth, telescopes and the asteroid, seen from the north of the ecliptic."""

@@ -349,8 +349,8 @@ def compare(*answers: FolderAnswer | Kept | str | Path) -> Comparison:
         folders = []
         for number, one in enumerate(answers, start=1):
             if isinstance(one, FolderAnswer):
-                place = Path(held.enter_context(tempfile.TemporaryDirectory())) / f"{one._slug}-{number}"
-                folders.append(one.save(place))
+                parent = Path(held.enter_context(tempfile.TemporaryDirectory()))
+                folders.append(one.lent(parent, str(number)))
             elif not isinstance(one, Kept | str | Path):
                 raise InputError(f"compare: takes results and their folders (got {type(one).__name__})")
             else:
@@ -590,6 +590,6 @@ def _path_of(orbit: Any) -> Iterator[str]:
         yield str(orbit)
     elif isinstance(orbit, FolderAnswer):
         with tempfile.TemporaryDirectory() as folder:
-            yield str(orbit.save(Path(folder) / f"{orbit._slug}-{orbit.ending}"))
+            yield str(orbit.lent(Path(folder)))
     else:
         raise InputError(f"an orbit is a path, a fit, a run or an UncertainOrbit here (got {type(orbit).__name__})")

@@ -61,13 +61,19 @@ class Guard:
             return 403, "another page may not speak to this server"
         if scope["method"] not in ("GET", "HEAD") and not origins:
             return 403, "a change must come from the page itself"
-        site = [value for key, value in headers if key == b"sec-fetch-site"]
-        if any(value not in (b"same-origin", b"none") for value in site):
+        sites = [value for key, value in headers if key == b"sec-fetch-site"]
+        if any(site not in (b"same-origin", b"none") for site in sites) and not self._opens(scope):
             return 403, "another page may not speak to this server"
         first = scope["path"].split("/")[1] if scope["path"].startswith("/") else ""
         if not secrets.compare_digest(first.encode("utf-8", "replace"), self._token.encode()):
             return 404, "nothing is here; open the address that the terminal shows, whole"
         return None
+
+    def _opens(self, scope: Scope) -> bool:
+        """Whether a browser goes to the page itself, in a tab of its own: from the file that names it, or a link."""
+        said = {key: value for key, value in scope["headers"] if key.startswith(b"sec-fetch-")}
+        alone = said.get(b"sec-fetch-mode") == b"navigate" and said.get(b"sec-fetch-dest") == b"document"
+        return alone and scope["method"] == "GET" and scope["path"] == f"/{self._token}/"
 
     def _inside(self, scope: Scope) -> Scope:
         """The same request without the token in its path."""

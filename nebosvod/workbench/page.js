@@ -216,7 +216,7 @@ function show(tree) {
 function dirty() { return text.value !== state.kept; }
 
 function buttons() {
-  $("save").disabled = !dirty() && state.saved;
+  $("save").disabled = state.schemas === null;  // also what is as it was read: its file may be gone meanwhile
   $("save").textContent = state.saved ? "Save" : "Save as file";
   $("run").disabled = !state.valid || state.running;
   $("run").textContent = dirty() ? "Save and run" : "Run";
@@ -246,7 +246,8 @@ async function save() {
     verdict(answer.text, true);
     return false;
   }
-  const chosen = await ask(answer.text, [["", "Cancel"], ["over", "Write mine over it"], ["take", "Take the file's text"]]);
+  const there = [["over", "Write mine over it"], ["take", "Take the file's text"]];
+  const chosen = await ask(answer.text, [["", "Cancel"], ...(answer.mark ? there : [["over", "Write it again"]])]);
   if (chosen === "take") await load();
   if (chosen !== "over") return false;
   state.mark = answer.mark;

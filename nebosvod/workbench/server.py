@@ -123,8 +123,10 @@ class Workbench:
         posted = await _posted(request, verb=str, slug=str, mark=str, overwrite=bool)
         if posted["verb"] not in ("run", "fit"):
             raise InputError("a page may ask for run or fit")
-        if self._desk.mark() != posted["mark"]:
-            raise OutputError(f"{self._desk.name}: has changed on disk since it was read here; nothing was run")
+        mark = self._desk.mark()
+        if mark != posted["mark"]:
+            what = "has changed on disk since it was read here" if mark else "is gone from disk; Save writes it again"
+            raise OutputError(f"{self._desk.name}: {what}; nothing was run")
         folder = self._folder(posted["verb"], posted["slug"])
         return _lines(_as_lines(self._job.run(posted["verb"], self._desk.argument, folder, posted["overwrite"])))
 

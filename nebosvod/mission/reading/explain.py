@@ -215,9 +215,9 @@ def _field(model: type[BaseModel], key: str) -> Any:
 
 
 def _models(annotation: Any) -> list[type[BaseModel]]:
-    """The blocks inside an annotation: of a union, a tuple, or the block itself."""
+    """The blocks inside an annotation: of a union, a tuple, a mapping, or the block itself."""
     origin = get_origin(annotation)
-    if origin in (Union, UnionType, Annotated, tuple):
+    if origin in (Union, UnionType, Annotated, tuple, dict):
         return [model for part in get_args(annotation) for model in _models(part)]
     return [annotation] if isinstance(annotation, type) and issubclass(annotation, BaseModel) else []
 

@@ -24,6 +24,7 @@ class Rejected(Typed):
     Parameters
     ----------
     utc : UTC.
+    station, file, line : what the name says.
     """
 
     utc: Time
@@ -41,6 +42,7 @@ class Chance(Typed):
     probability : none where no drawn orbit hits.
     low : 95 % interval.
     bound : no drawn orbit hits, or too few for a value: the probability is below high.
+    high, hits : what the name says.
     """
 
     probability: float | None
@@ -52,7 +54,12 @@ class Chance(Typed):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class ByPrior(Typed):
-    """By prior."""
+    """By prior.
+
+    Parameters
+    ----------
+    uniform, cartesian, jeffreys : what the name says.
+    """
 
     uniform: Chance
     cartesian: Chance
@@ -93,6 +100,7 @@ class Impact(Typed):
     speed : km / s.
     elevation : deg.
     contours : deg.
+    body, n_points : what the name says.
     """
 
     body: str
@@ -109,7 +117,12 @@ class Impact(Typed):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class Scores(Typed):
-    """Shares of the posterior; no probabilities."""
+    """Shares of the posterior; no probabilities.
+
+    Parameters
+    ----------
+    near_earth, main_belt, distant, hyperbolic, earth_satellite, other : what the name says.
+    """
 
     near_earth: float
     main_belt: float
@@ -131,6 +144,7 @@ class Quantities(Typed):
     i : deg.
     q : au.
     diameter : m.
+    e, H : what the name says.
     """
 
     range: Spread
@@ -159,7 +173,12 @@ class Regions(Typed):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class Effective(Typed):
-    """Effective."""
+    """Effective.
+
+    Parameters
+    ----------
+    uniform, cartesian, jeffreys : what the name says.
+    """
 
     uniform: float
     cartesian: float
@@ -168,7 +187,12 @@ class Effective(Typed):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class Grid(Typed):
-    """Grid."""
+    """Grid.
+
+    Parameters
+    ----------
+    n_nodes, effective, chi2, sigma_log_range : what the name says.
+    """
 
     n_nodes: int
     effective: Effective
@@ -178,7 +202,12 @@ class Grid(Typed):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class Draws(Typed):
-    """Draws."""
+    """Draws.
+
+    Parameters
+    ----------
+    n, effective, flown, seed : what the name says.
+    """
 
     n: int
     effective: float
@@ -215,6 +244,7 @@ class Field(Typed):
     semi_major : arcsec.
     semi_minor : arcsec.
     contours : deg.
+    telescope, V, fallen : what the name says.
     """
 
     telescope: str
@@ -240,6 +270,7 @@ class Corridor(Typed):
     speed : km / s.
     elevation : deg.
     contours : deg.
+    n_points : what the name says.
     """
 
     longitude: Spread
@@ -259,6 +290,7 @@ class History(Typed):
     ----------
     epoch : UTC.
     range : au.
+    n_observations, effective_nodes, sigma_log_range, chances, corridor : what the name says.
     """
 
     n_observations: int
@@ -272,7 +304,12 @@ class History(Typed):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class Crossing(Typed):
-    """Crossing."""
+    """Crossing.
+
+    Parameters
+    ----------
+    threshold, chance : what the name says.
+    """
 
     threshold: float
     chance: float
@@ -286,6 +323,7 @@ class Decision(Typed):
     ----------
     epoch : UTC.
     sigma : arcsec.
+    telescope, n_truths, quantiles, falls_below, rises_above, settles : what the name says.
     """
 
     telescope: str
@@ -331,6 +369,9 @@ class AlertSummary(Typed):
     equivalent : linear measurement y = H x + v, v of covariance R, of x = ln(range/au), range rate km/s, offsets
         rad, rates rad/s at the reference epoch.
     truth : of a simulated mission.
+    schema_version, kind, title, object, n_observations, rejected, stations, status : what the name says.
+    orbit_status, message, bound_to_the_sun, V, headline, high, hits, by_prior, moon : what the name says.
+    impact, quantities, regions, grid, draws, fields, history, decisions, ended, warnings : what the name says.
     """
 
     SCHEMA: ClassVar[str] = "results/alert.schema.json"

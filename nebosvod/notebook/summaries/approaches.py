@@ -19,7 +19,12 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class Magnitude(Typed):
-    """Magnitude."""
+    """Magnitude.
+
+    Parameters
+    ----------
+    H, G : what the name says.
+    """
 
     H: float
     G: float
@@ -37,6 +42,7 @@ class Orbit(Typed):
     factor : lower factor of the joint covariance of state and parameters, rows by names; (n, n).
     sigma : (n,).
     sigma_position : km.
+    names, parameters, magnitude : what the name says.
     """
 
     origin: str
@@ -72,6 +78,7 @@ class Approach(Typed):
     no_plane : why there is no b-plane.
     longitude : deg.
     latitude : deg.
+    body, impact, impact_probability_linear : what the name says.
     """
 
     body: str
@@ -105,6 +112,8 @@ class ApproachesSummary(Typed):
     to : UTC.
     within : au.
     ended : why the orbit ends early, if it does.
+    schema_version, kind, title, object, orbit, n_approaches, approaches, nearest : what the name says.
+    warnings : what the name says.
     """
 
     SCHEMA: ClassVar[str] = "results/approaches.schema.json"

@@ -23,6 +23,7 @@ class Run(Typed):
     Parameters
     ----------
     reference_epoch : epoch, TDB; TDB.
+    label, path, nebosvod, estimator, mission, title, object, n_observations, telescopes : what the name says.
     """
 
     label: str
@@ -46,6 +47,7 @@ class ByRun(Typed):
     sigma_position : km.
     sigma_velocity : m / s.
     sigma_formal_position : km.
+    method, status : what the name says.
     """
 
     method: str
@@ -62,6 +64,7 @@ class Estimator(Typed):
     Parameters
     ----------
     ratio_position : to the first run that has it; (n,).
+    name, by_run : what the name says.
     """
 
     name: str
@@ -83,6 +86,7 @@ class PredictionByRun(Typed):
     mean : (n,).
     covariance : (n, n).
     factor : (n, n).
+    estimator, unit, sigma_formal_total : what the name says.
     """
 
     estimator: str
@@ -105,6 +109,7 @@ class Budget(Typed):
     Parameters
     ----------
     share : of the variance, by run; (n,).
+    source : what the name says.
     """
 
     source: str
@@ -118,6 +123,7 @@ class Prediction(Typed):
     Parameters
     ----------
     ratio : to the first run that has it; (n,).
+    name, plane, unit, dimension, comparable, warning, by_run, budget : what the name says.
     """
 
     name: str
@@ -158,6 +164,7 @@ class Ellipse(Typed):
     Parameters
     ----------
     by_run : (n,).
+    name, plane, unit, sigma_level : what the name says.
     """
 
     name: str
@@ -175,6 +182,7 @@ class ComparisonSummary(Typed):
     ----------
     warnings : what makes numbers of these runs answers to different questions.
     budget : of the position at the reference epoch, by the first estimator of each run.
+    schema_version, runs, estimators, predictions, ellipses : what the name says.
     """
 
     SCHEMA: ClassVar[str] = "results/comparison.schema.json"

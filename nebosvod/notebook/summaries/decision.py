@@ -23,6 +23,7 @@ class Visit(Typed):
     quantiles : of the probability after this visit, by level.
     effective_median : orbits that agree with a simulated visit, median over truths.
     redrawn : part of the truths for which orbits were drawn anew.
+    telescope, chance_below, chance_above : what the name says.
     """
 
     telescope: str
@@ -51,6 +52,8 @@ class DecisionSummary(Typed):
     above : threshold that confirms.
     best : number of the visit most likely to pass a threshold.
     map_error : of the cloud's own map to the target plane, parts of the hits; None where every orbit was flown.
+    schema_version, kind, title, object, bodies, n_hits, seed, visits, never_visible : what the name says.
+    warnings : what the name says.
     """
 
     SCHEMA: ClassVar[str] = "planning/decision.schema.json"

@@ -37,6 +37,7 @@ class Row(Typed):
     altitude : deg.
     sun_altitude : deg.
     not_seen : which limit of a mission's telescope keeps it from being seen.
+    V, twilight : what the name says.
     """
 
     epoch: Time
@@ -70,6 +71,7 @@ class EphemerisSummary(Typed):
     from_ : UTC.
     step : d.
     ended : why the orbit ends early, if it does.
+    schema_version, kind, title, object, orbit, observer, n_times, rows, warnings : what the name says.
     """
 
     SCHEMA: ClassVar[str] = "results/ephemeris.schema.json"

@@ -23,6 +23,7 @@ class Run(Typed):
     epoch : TDB.
     until : of a risk: its last date; UTC.
     sampling : of a risk: all bodies together, as in its summary.
+    label, path, object, orbit, observer : what the name says.
     """
 
     label: str
@@ -43,6 +44,7 @@ class OrbitComparisonSummary(Typed):
     Parameters
     ----------
     warnings : what makes these answers to different questions.
+    schema_version, kind, runs, rows : what the name says.
     """
 
     SCHEMA: ClassVar[str] = "results/orbit_comparison.schema.json"

@@ -24,6 +24,7 @@ class Prediction(Typed):
     Parameters
     ----------
     epoch : epoch, TDB; TDB.
+    name, plane : what the name says.
     """
 
     name: str
@@ -56,6 +57,7 @@ class Visit(Typed):
     Parameters
     ----------
     epoch : epoch, TDB; TDB.
+    telescope, sigma_after, reduction_percent : what the name says.
     """
 
     telescope: str
@@ -66,7 +68,12 @@ class Visit(Typed):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class BestNext(Typed):
-    """Best next."""
+    """Best next.
+
+    Parameters
+    ----------
+    a, d, minimax, guaranteed : what the name says.
+    """
 
     a: Visit
     d: Visit
@@ -83,6 +90,7 @@ class Window(Typed):
     epoch : epoch, TDB; TDB.
     window : epochs around the best with at least 90 % of its gain; TDB.
     visible : first and last candidate epoch of each time without a gap in which the object is seen; TDB.
+    telescope, sigma_after, reduction_percent, reduction_per_hour : what the name says.
     """
 
     telescope: str
@@ -101,6 +109,7 @@ class Step(Typed):
     Parameters
     ----------
     epoch : epoch, TDB; TDB.
+    telescope, sigma_after : what the name says.
     """
 
     telescope: str
@@ -110,7 +119,12 @@ class Step(Typed):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class Greedy(Typed):
-    """Greedy."""
+    """Greedy.
+
+    Parameters
+    ----------
+    a, d, minimax, guaranteed : what the name says.
+    """
 
     a: tuple[Step, ...]
     d: tuple[Step, ...]
@@ -144,6 +158,7 @@ class Curve(Typed):
     ----------
     epoch_s : (n,), s.
     epoch : TDB.
+    telescope, sigma_after : what the name says.
     """
 
     telescope: str
@@ -169,6 +184,8 @@ class PlanSummary(Typed):
     windows : the best visit of each telescope, best first.
     never_visible : telescopes that see the object at no candidate epoch.
     uniform : as many visits at even times, the telescopes in turn.
+    schema_version, mission, title, object, prediction, estimator, criterion, sigma_now : what the name says.
+    best_next, greedy, curves, warnings : what the name says.
     """
 
     SCHEMA: ClassVar[str] = "planning/plan.schema.json"

@@ -21,6 +21,7 @@ class Line(Typed):
     ----------
     kind : corrected to the observations, or as the covariance has it.
     from_sigmas : signed root of chi squared above the least.
+    why_straight, to_sigmas : what the name says.
     """
 
     kind: Literal["curved", "straight"]
@@ -39,6 +40,7 @@ class Way(Typed):
     probability : null where nothing hit: it is below high.
     bound : no hit: only high is known, with 95 %.
     note : what limits it.
+    low, high, draws, hits, effective_hits : what the name says.
     """
 
     way: str
@@ -105,6 +107,7 @@ class Corridor(Typed):
     Parameters
     ----------
     grazing_probability : to come below 100 km and not to the ground; not counted as a hit.
+    entry_100_km, ground : what the name says.
     """
 
     entry_100_km: Level | None
@@ -125,6 +128,7 @@ class BudgetRow(Typed):
     elasticity_reoptimised_error : standard error.
     log_odds : d ln(P/(1 - P)) / d ln sigma, where P > 0.5.
     share : of the variance along the line, where there is one.
+    source, log_odds_error, probability_if_halved, probability_if_halved_error : what the name says.
     """
 
     source: str
@@ -148,6 +152,7 @@ class Budget(Typed):
     probability : by the weights of the draws: may exceed 1 by their scatter.
     enough : whether the hits are enough for elasticities that can be trusted.
     sigmas : how far along the line the hits are.
+    effective_hits, rows : what the name says.
     """
 
     probability: float
@@ -174,6 +179,7 @@ class VirtualImpactor(Typed):
     v_infinity : of the drawn orbits, median; km / s.
     no_budget : why there is no budget.
     approach : of the estimate itself; None where it has none there.
+    body, probability, low, high, bound, reason, ways, palermo, torino, corridor, budget : what the name says.
     """
 
     number: int
@@ -210,6 +216,7 @@ class Night(Typed):
     recommended : the way that says so.
     semi_major : 1 sigma in the target plane; km.
     semi_minor : km.
+    n_observations, probability, low, high, bound : what the name says.
     """
 
     until: Time
@@ -238,6 +245,8 @@ class RiskSummary(Typed):
     size_from : where diameter and density come from.
     sampling : all bodies together.
     history : after each night of the observations, where asked for.
+    schema_version, kind, title, object, orbit, bodies, seed, n_draws : what the name says.
+    n_virtual_impactors, virtual_impactors, palermo_cumulative, ended, warnings : what the name says.
     """
 
     SCHEMA: ClassVar[str] = "results/risk.schema.json"

@@ -18,7 +18,12 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class Mission(Typed):
-    """Mission."""
+    """Mission.
+
+    Parameters
+    ----------
+    name, sha256 : what the name says.
+    """
 
     name: str
     sha256: str
@@ -26,7 +31,12 @@ class Mission(Typed):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class Versions(Typed):
-    """Versions."""
+    """Versions.
+
+    Parameters
+    ----------
+    nebosvod, numpy : what the name says.
+    """
 
     nebosvod: str
     numpy: str
@@ -34,7 +44,12 @@ class Versions(Typed):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class Sample(Typed):
-    """Sample."""
+    """Sample.
+
+    Parameters
+    ----------
+    method, n, seed : what the name says.
+    """
 
     method: Literal["grid", "sobol", "latin"]
     n: int
@@ -43,7 +58,12 @@ class Sample(Typed):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class Vary(Typed):
-    """Vary."""
+    """Vary.
+
+    Parameters
+    ----------
+    name, set, unit, numeric, log, n_values, least, largest, values : what the name says.
+    """
 
     name: str
     set: tuple[str, ...]
@@ -63,6 +83,7 @@ class Answer(Typed):
     Parameters
     ----------
     before : d.
+    name, of, unit, shares, n, least, median, largest, leading, title : what the name says.
     """
 
     name: str
@@ -80,7 +101,12 @@ class Answer(Typed):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class Failure(Typed):
-    """Failure."""
+    """Failure.
+
+    Parameters
+    ----------
+    row, status, message : what the name says.
+    """
 
     row: int
     status: Literal["failed", "no_answer"]
@@ -94,6 +120,7 @@ class Seen(Typed):
     Parameters
     ----------
     interval_95 : (2,).
+    where, n, n_seen, share : what the name says.
     """
 
     where: Mapping[str, str | float | None]
@@ -105,7 +132,12 @@ class Seen(Typed):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class Where(Typed):
-    """Where."""
+    """Where.
+
+    Parameters
+    ----------
+    name, condition : what the name says.
+    """
 
     name: str
     condition: str
@@ -113,7 +145,12 @@ class Where(Typed):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class Find(Typed):
-    """Find."""
+    """Find.
+
+    Parameters
+    ----------
+    objective, direction, cost, where, n_feasible, found, row, values, reason : what the name says.
+    """
 
     objective: str
     direction: Literal["minimise", "maximise"]
@@ -128,7 +165,12 @@ class Find(Typed):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class Pareto(Typed):
-    """Pareto."""
+    """Pareto.
+
+    Parameters
+    ----------
+    objective, against, condition, limit, rows : what the name says.
+    """
 
     objective: str
     against: str
@@ -139,7 +181,12 @@ class Pareto(Typed):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class Slope(Typed):
-    """Slope."""
+    """Slope.
+
+    Parameters
+    ----------
+    answer, at_least, at_largest : what the name says.
+    """
 
     answer: str
     at_least: float
@@ -148,7 +195,13 @@ class Slope(Typed):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class Each(Typed):
-    """Each."""
+    """Each.
+
+    Parameters
+    ----------
+    name, set, unit, now, needed, floor, without, matters, verdict, no_better_below : what the name says.
+    no_worse_above : what the name says.
+    """
 
     name: str
     set: tuple[str, ...]
@@ -165,7 +218,12 @@ class Each(Typed):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class Together(Typed):
-    """Together."""
+    """Together.
+
+    Parameters
+    ----------
+    values, answer, cost, cost_equally, converged : what the name says.
+    """
 
     values: Mapping[str, float]
     answer: float | None
@@ -183,6 +241,7 @@ class Averaging(Typed):
     D0 : (6, 6).
     sigma : arcsec.
     sigma_position : km.
+    n, n_needed, n_where_equal, floor, D0_names, components : what the name says.
     """
 
     n: int
@@ -198,7 +257,12 @@ class Averaging(Typed):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class Require(Typed):
-    """Require."""
+    """Require.
+
+    Parameters
+    ----------
+    answer, wanted, limit, now, cost, evaluations, each, together, averaging : what the name says.
+    """
 
     answer: str
     wanted: str
@@ -219,6 +283,7 @@ class Index(Typed):
     ----------
     first_order_interval_95 : (2,).
     total_interval_95 : (2,).
+    name, first_order, total : what the name says.
     """
 
     name: str
@@ -230,7 +295,12 @@ class Index(Typed):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class Sensitivity(Typed):
-    """Sensitivity."""
+    """Sensitivity.
+
+    Parameters
+    ----------
+    answer, n, n_left_out, indices : what the name says.
+    """
 
     answer: str
     n: int
@@ -245,6 +315,7 @@ class PopulationSeen(Typed):
     Parameters
     ----------
     interval_95 : (2,).
+    where, group, n, k, share : what the name says.
     """
 
     where: Mapping[str, Any]
@@ -262,6 +333,7 @@ class Number(Typed):
     Parameters
     ----------
     before : d.
+    where, answer, unit, n, n_with, p05, p25, p50, p75, p95 : what the name says.
     """
 
     where: Mapping[str, Any]
@@ -284,6 +356,7 @@ class Impactors(Typed):
     Parameters
     ----------
     interval_95 : (2,).
+    n, k, share : what the name says.
     """
 
     n: int
@@ -299,6 +372,7 @@ class FalsePerImpactor(Typed):
     Parameters
     ----------
     interval_95 : (2,).
+    value : what the name says.
     """
 
     value: float
@@ -312,6 +386,7 @@ class Warned(Typed):
     Parameters
     ----------
     before : d.
+    where, impactors, misses, false_per_impactor : what the name says.
     """
 
     where: Mapping[str, Any]
@@ -323,7 +398,12 @@ class Warned(Typed):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class PopulationWarning(Typed):
-    """Population warning."""
+    """Population warning.
+
+    Parameters
+    ----------
+    answer, at_least : what the name says.
+    """
 
     answer: str
     at_least: float
@@ -331,7 +411,12 @@ class PopulationWarning(Typed):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class Population(Typed):
-    """Population."""
+    """Population.
+
+    Parameters
+    ----------
+    n_impactors, n_misses, draws, shared, seen, numbers, warned, warning : what the name says.
+    """
 
     n_impactors: int
     n_misses: int
@@ -345,7 +430,14 @@ class Population(Typed):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class StudySummary(Typed):
-    """Study summary."""
+    """Study summary.
+
+    Parameters
+    ----------
+    schema_version, kind, study, title, mission, versions, method, sample, draws, seed : what the name says.
+    vary, answers, n_points, n_rows, n_failed, n_without_answer, failures, seen, find : what the name says.
+    pareto, slopes, require, sensitivity, shared_errors, n_not_determined, population : what the name says.
+    """
 
     SCHEMA: ClassVar[str] = "studies/study.schema.json"
     schema_version: int

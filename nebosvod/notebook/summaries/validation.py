@@ -45,6 +45,7 @@ class Coverage(Typed):
     rejected : by Holm's rule at the family level.
     interval : where the value lies when the claim is right, at Bonferroni's level; (2,).
     value_interval_99 : (2,).
+    fraction : what the name says.
     """
 
     value: float
@@ -65,6 +66,7 @@ class Whitened(Typed):
     p : probability of so unlikely a value when the claim is right.
     rejected : by Holm's rule at the family level.
     interval : where the value lies when the claim is right, at Bonferroni's level; (2,).
+    component : what the name says.
     """
 
     value: float
@@ -87,6 +89,7 @@ class Direction(Typed):
     group : position, velocity, parameter or the name of a prediction.
     sigma_sample : root mean square error of the runs.
     optimism_percent : sample sigma over claimed sigma, less one; positive: the claim is too small.
+    name, unit, sigma_claimed, mean_error : what the name says.
     """
 
     value: float
@@ -112,6 +115,7 @@ class Prediction(Typed):
     p : probability of so unlikely a value when the claim is right.
     rejected : by Holm's rule at the family level.
     interval : where the value lies when the claim is right, at Bonferroni's level; (2,).
+    group : what the name says.
     """
 
     value: float
@@ -131,6 +135,7 @@ class Nis(Typed):
     p : probability of so unlikely a value when the claim is right.
     rejected : by Holm's rule at the family level.
     interval : where the value lies when the claim is right, at Bonferroni's level; (2,).
+    telescope : what the name says.
     """
 
     value: float
@@ -170,6 +175,7 @@ class Judgement(Typed):
     predictions : predictions of several components as a whole.
     nis : normalised innovations squared of each telescope, over their components.
     nees_quantiles : for a figure: NEES of the runs against chi-square.
+    consistent, verdict, family_level, n_tests, n_rejected, coverage, directions : what the name says.
     """
 
     claimed: bool
@@ -191,7 +197,12 @@ class Judgement(Typed):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class Judged(Typed):
-    """Judged."""
+    """Judged.
+
+    Parameters
+    ----------
+    true, formal : what the name says.
+    """
 
     true: Judgement | None
     formal: Judgement | None
@@ -208,6 +219,7 @@ class Estimator(Typed):
     n_failed : runs without an estimate.
     check_sigma : largest difference, in sigmas, between one factorisation for all runs and the estimator's own
         method; None in full mode.
+    name, method, status, claims_formal, passed, judged : what the name says.
     """
 
     name: str
@@ -231,6 +243,8 @@ class ValidationSummary(Typed):
     reference_epoch : TDB.
     second_order_sigma : what one linear step leaves out, in sigmas of the estimate; None where it leads to no
         orbit. From 0.05 on estimates are iterated.
+    schema_version, mission, title, object, n_observations, telescopes, versions : what the name says.
+    mission_sha256, seed, n_runs, mode, method, family_level, passed, verdict, estimators : what the name says.
     """
 
     SCHEMA: ClassVar[str] = "studies/validation.schema.json"

@@ -6,13 +6,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from markupsafe import Markup, escape
+from markupsafe import Markup
 
 from nebosvod.estimation.accuracy.formed import matrix_of
 from nebosvod.mission.vocabulary import METHODS
 from nebosvod.report.kit import wording
 from nebosvod.report.kit.facts import formal_ratio, impact_clause, leading, when
-from nebosvod.report.kit.typography import Verbatim
 from nebosvod.report.kit.wording import DASH, finite, percent, product, quantity, series
 from nebosvod.results.folder import Item, RunFolder
 from nebosvod.results.outlook import unit_of
@@ -409,8 +408,8 @@ def plain(value: object) -> str:
     return f"{value:.12g}" if isinstance(value, float) else str(value)
 
 
-def mission_text(run: RunFolder) -> Verbatim:
+def mission_text(run: RunFolder) -> str:
     """The mission file as it was read."""
     block = run.manifest.get("mission")
     text = block.get("text") if isinstance(block, Mapping) else None
-    return Verbatim(escape(str(text if text is not None else run.manifest.get("mission_text", ""))))
+    return str(text if text is not None else run.manifest.get("mission_text", ""))

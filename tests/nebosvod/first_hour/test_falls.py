@@ -5,8 +5,7 @@ import pytest
 from scipy.stats import binomtest
 
 from nebosvod.first_hour.falls import interval
-from nebosvod.impacts.chance import digits
-from nebosvod.results.alert_words import headline
+from nebosvod.results.alert_words import digits, headline
 
 
 @pytest.mark.parametrize(("hits", "draws"), [(40, 400), (200, 400), (360, 400), (950, 1000)])

@@ -1,5 +1,8 @@
 """Typed summaries say what the JSON says: each key is met by a field, in the unit and scale that the key ends with."""
 
+import importlib
+import inspect
+import re
 import runpy
 from collections.abc import Callable, Mapping
 from dataclasses import fields, is_dataclass
@@ -113,6 +116,20 @@ def test_what_is_typed_is_what_the_json_says(kind: str, impactor: Any, tmp_path:
     met(answer.summary, typed)
     assert len(repr(typed)) < 1500
     assert "<caption>" in typed._repr_html_()
+
+
+MODULES = sorted(path.stem for path in (ROOT / "nebosvod" / "notebook" / "summaries").glob("*.py"))
+
+
+@pytest.mark.parametrize("name", [one for one in MODULES if one not in ("__init__", "reading", "shape", "typed")])
+def test_every_field_of_a_class_is_described(name: str) -> None:
+    module = importlib.import_module(f"nebosvod.notebook.summaries.{name}")
+    own = [one for one in vars(module).values() if isinstance(one, type) and one.__module__ == module.__name__]
+    assert any(one.__name__.endswith("Summary") for one in own)
+    for kind in own:
+        words = (inspect.getdoc(kind) or "").partition("----------\n")[2]
+        said = ",".join(re.findall(r"^([a-zA-Z_][\w,\s]*?) :", words, re.MULTILINE))
+        assert sorted(re.findall(r"\w+", said)) == sorted(one.name for one in fields(kind))  # type: ignore[arg-type]
 
 
 def test_the_classes_are_those_of_the_schemas() -> None:

@@ -32,6 +32,7 @@ def test_a_study_is_read() -> None:
 
 
 WRONG = [
+    ("noise.sigma", "noise.sigma, n: 3", r"vary\.noise\.n: unknown key \(allowed here: set, values, log, linear\)"),
     ("noise.sigma", "noise.sgma", r'study:5:16: vary\.noise\.set: .*unknown key .*did you mean "sigma"'),
     ("telescopes.*", "telescope.*", r'study:5:16: .*unknown key .*did you mean "telescopes"'),
     ("telescopes.*", "telescopes.ahed", r'study:5:16: .*is no element there.*did you mean "ahead"'),

@@ -48,10 +48,10 @@ class Served:
         return self.folder / "desk.yaml"
 
 
-def opened(folder: Path, *words: str) -> Served:
+def opened(folder: Path, *words: str, show: bool = False) -> Served:
     """Start the command; it has said its address."""
     process = subprocess.Popen(
-        [sys.executable, "-m", "nebosvod", "open", *words, "--no-browser"],
+        [sys.executable, "-m", "nebosvod", "open", *words, *([] if show else ["--no-browser"])],
         cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
     )  # fmt: skip

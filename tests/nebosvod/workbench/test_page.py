@@ -1,8 +1,10 @@
 """The page of `nebosvod open` in a real browser: text, form and answer; tabs; save and run; nothing asked of others."""
 
 import re
+import stat
 import time
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -10,7 +12,7 @@ from playwright.sync_api import Browser, ConsoleMessage, Error, Page, Request, e
 
 from nebosvod.mission.yaml.yamlfile import parse_yaml
 from tests.accessible import wrong_for_some
-from tests.nebosvod.workbench.conftest import BROWSER, MISSION, Served
+from tests.nebosvod.workbench.conftest import BROWSER, MISSION, Served, ended, opened
 
 pytestmark = pytest.mark.skipif(BROWSER is None, reason="no Chromium is installed")
 ANSWERED = re.compile(r"^in \d")
@@ -211,15 +213,52 @@ def test_a_file_that_is_gone_takes_no_text_with_it(tab: Tab, browser: Browser, s
     late.close()
     tab.page.locator("#save").click()
     expect(tab.page.locator("#ask")).to_contain_text("is gone from disk since it was read here; nothing was written")
-    tab.page.get_by_role("button", name="Take the file's text").click()
-    expect(tab.page.locator("#verdict-line")).to_contain_text("no such file")
+    tab.page.get_by_role("button", name="Cancel").click()
     assert tab.text == mine
     tab.page.locator("#save").click()
-    tab.page.get_by_role("button", name="Write mine over it").click()
+    tab.page.get_by_role("button", name="Write it again").click()
     expect(tab.page.locator("#state")).to_have_text("(saved)")
     assert served.file.read_text("utf-8") == mine
-    assert len(tab.said) == 3  # two refusals to save, one to read; nothing else went wrong
+    served.file.unlink()  # nothing is changed in the page, and yet there is something to save
+    tab.page.locator("#run").click()
+    expect(tab.page.locator("#running")).to_contain_text("is gone from disk; Save writes it again; nothing was run")
+    tab.page.keyboard.press("Control+s")
+    tab.page.get_by_role("button", name="Write it again").click()
+    expect(tab.page.locator("#ask")).to_be_hidden()
+    expect(tab.page.locator("#state")).to_have_text("(saved)")
+    assert served.file.read_text("utf-8") == mine
+    assert len(tab.said) == 4  # three refusals to save, one to run; nothing else went wrong
     tab.said.clear()
+
+
+def test_the_browser_is_given_no_token_that_others_could_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, browser: Browser
+) -> None:
+    """Command lines are open to all users of a machine."""
+    (tmp_path / "desk.yaml").write_text(MISSION, "utf-8")
+    (tmp_path / "browser").write_text(
+        f'#!/bin/sh\necho "$@" > {tmp_path}/part && mv {tmp_path}/part {tmp_path}/given\n'
+    )
+    (tmp_path / "browser").chmod(0o755)
+    monkeypatch.setenv("BROWSER", str(tmp_path / "browser"))
+    monkeypatch.setenv("DISPLAY", ":0")
+    served = opened(tmp_path, "desk.yaml", show=True)
+    for _ in range(300):
+        if (tmp_path / "given").exists():
+            break
+        time.sleep(0.1)
+    given = (tmp_path / "given").read_text("utf-8").strip()
+    token = served.address.split("/")[3]
+    assert token not in given
+    page = Path(given.removeprefix("file://"))
+    assert token in page.read_text("utf-8")
+    assert stat.S_IMODE(page.parent.stat().st_mode) == 0o700
+    tab = browser.new_page()
+    tab.goto(given)
+    expect(tab.locator("#name")).to_have_text("desk.yaml")  # the way from the file to the page is open
+    tab.close()
+    ended(served)
+    assert not page.parent.exists()
 
 
 def test_the_page_is_for_who_cannot_see_it_or_has_no_pointer(browser: Browser, served: Served) -> None:

@@ -52,6 +52,10 @@ def test_the_page_is_there_for_who_knows_its_address_and_for_no_other(served: Se
     assert asked(served, "GET", place(served, "start"), host="127.0.0.1")[0] == 421
     assert asked(served, "GET", place(served, "start"), host=f"localhost:{port}")[0] == 200
     assert asked(served, "GET", place(served, "start"), sec_fetch_site="cross-site")[0] == 403
+    for name in ("", "start", "report"):  # a link in another page may open the page, whoever knows its address; no more
+        going = {"sec_fetch_site": "cross-site", "sec_fetch_mode": "navigate", "sec_fetch_dest": "document"}
+        assert asked(served, "GET", place(served, name), **going)[0] == (403 if name else 200)
+        assert asked(served, "GET", place(served, name), **{**going, "sec_fetch_dest": "iframe"})[0] == 403
     assert asked(served, "GET", place(served, "start"), origin="https://evil.example")[0] == 403
     assert asked(served, "GET", place(served, "../pyproject.toml"))[0] == 404
     assert asked(served, "GET", place(served, "desk.py"))[0] == 404
