@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from nebosvod.dynamics.chebyshev import position_at, velocity_at
 from nebosvod.dynamics.collocation import TO_LEGENDRE_FLAT
-from nebosvod.dynamics.compilation import SUN, kernel
+from nebosvod.dynamics.compilation import SUN, kernel, straight
 from nebosvod.dynamics.model import Physics
 from nebosvod.dynamics.nodes import nodes_width, tabulate_nodes
 from nebosvod.dynamics.stages import weighed
@@ -54,7 +54,7 @@ class StepTable:
         state = np.empty((len(t_s), 6))
         partials = np.empty((len(t_s), 6, self.count if variations else 0))
         w = self.window
-        _evaluate(
+        straight(_evaluate)(
             8, 1, t_s, self.edges, self.steps, w.coefficients, w.layout, w.timing, np.empty((7, 128)), state, partials
         )
         return state, partials

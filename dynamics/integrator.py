@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nebosvod.dynamics.collocation import LAST_ROW, STEP_WEIGHTS
-from nebosvod.dynamics.compilation import STATE_ROWS, inlined_kernel, is_compiled, kernel
+from nebosvod.dynamics.compilation import STATE_ROWS, inlined_kernel, is_compiled, kernel, straight
 from nebosvod.dynamics.model import Physics
 from nebosvod.dynamics.nodes import follow_guide, read_ephemeris
 from nebosvod.dynamics.stages import (
@@ -185,7 +185,7 @@ def march(
     converged, down, error, limit, excess = True, False, 0.0, 0.0, EXCESS_ON_A_GRID if guided else EXCESS
     if taken == 0:
         begin(n, m, w, orbits[0], strengths[0])
-    while sign * (end_s - t) > 0.0 and taken < MOST_STEPS:
+    while sign * (end_s - t) > 0.0 and taken < MOST_STEPS and (guided or not down):
         if not sampled and taken == steps.start.shape[0]:
             status = FULL
             break
@@ -203,7 +203,7 @@ def march(
             if first:  # how long it may be, the bodies tell
                 h = sign * first_step(w, p, tolerance)
                 continue
-        extrapolation(n, h, h_before, w.product, w.extrapolation)
+        extrapolation(n, h, h_before, w.extrapolation)
         for o in range(orbits.shape[0]):  # orbits inside steps: the bodies of a step are fetched once for all
             if sampled:
                 if samples.tide[o] == np.inf:
@@ -212,7 +212,7 @@ def march(
             converged, noise, size = solve_state(n, w, p, h)
             error, limit = last_coefficient(w.A) / size, max(tolerance, noise)
             if not converged or error > excess * limit:
-                if sampled:
+                if sampled and guided:
                     leave(o, LEFT, t, w, samples)
                 continue
             if variations:
@@ -227,7 +227,7 @@ def march(
                 if down:
                     leave(o, DOWN, t_next, w, samples)
         shown = following
-        if not sampled and (not converged or error > excess * limit):
+        if not (sampled and guided) and (not converged or error > excess * limit):
             if guided:
                 status = OFF_GRID
                 break
@@ -260,7 +260,7 @@ def integrate(
     guide, nodes : steps of a near orbit over the same span and the ephemeris at their nodes: the orbits take the same
         steps, and iterate their difference from the guide; no steps if there is none.
     samples : where to evaluate many orbits, which needs a guide and brings no steps and no variations; empty for one
-        orbit, of which the steps are wanted.
+        orbit, of which the steps are wanted. With neither guide nor times one orbit is watched on steps of its own.
     most : how many steps of one orbit there may be, up to MOST_STEPS; each keeps 0.3 to 3 kB.
 
     Returns a status (OK, STALLED, TOO_MANY_STEPS, or OFF_GRID if the guide's steps do not suit) and the accepted steps.
@@ -270,9 +270,10 @@ def integrate(
     orbits[:, :6] = starts
     expected = len(guide.start) or min(int(abs(end_s) / USUAL_STEP_S) + 16, most)
     steps, status = make_steps(0 if len(samples.tide) else expected, count), FULL
+    forces, one = tuple(p), not len(guide.start) and not len(samples.tide)
     while status == FULL:
-        status = march(
-            n, orbits, strengths, end_s, coefficients, layout, timing, tuple(p), columns, variations, tolerance, guide,
+        status = (straight(march) if one else march)(
+            n, orbits, strengths, end_s, coefficients, layout, timing, forces, columns, variations, tolerance, guide,
             nodes, samples, lasting, clock, steps,
         )  # fmt: skip
         if status == FULL and len(steps.start) >= most:

@@ -112,20 +112,22 @@ def largest(values: Array) -> float:
 
 
 @inlined_kernel
-def extrapolation(n: int, h: float, h_before: float, product: Array, E: Array) -> None:
-    """E[j, i]: Lagrange polynomial j of the last nodes at the new node i; zero after no step; product (8,): scratch."""
+def extrapolation(n: int, h: float, h_before: float, E: Array) -> None:
+    """E[j, i]: Lagrange polynomial j of the last nodes at the new node i; zero after no step."""
     if h_before == 0.0:
         for i in range(64):
             E[i] = 0.0
         return
     step = h / h_before
-    for i in range(n):
-        product[i] = 1.0
-        for j in range(8):
-            product[i] *= 1.0 + step * NODES[i] - NODES[j]
-    for j in range(8):
-        for i in range(n):
-            E[8 * j + i] = product[i] * BARYCENTRIC[j] / (1.0 + step * NODES[i] - NODES[j])
+    for i in range(n):  # the factors before j times those behind it, in registers
+        x = 1.0 + step * NODES[i]
+        d0, d1, d2, d3 = x - NODES[0], x - NODES[1], x - NODES[2], x - NODES[3]
+        d4, d5, d6, d7 = x - NODES[4], x - NODES[5], x - NODES[6], x - NODES[7]
+        low, high, front, rear = d0 * d1, d6 * d7, d2 * d3, d4 * d5
+        E[i], E[8 + i] = d1 * front * rear * high * BARYCENTRIC[0], d0 * front * rear * high * BARYCENTRIC[1]
+        E[16 + i], E[24 + i] = low * d3 * rear * high * BARYCENTRIC[2], low * d2 * rear * high * BARYCENTRIC[3]
+        E[32 + i], E[40 + i] = low * front * d5 * high * BARYCENTRIC[4], low * front * d4 * high * BARYCENTRIC[5]
+        E[48 + i], E[56 + i] = low * front * rear * d7 * BARYCENTRIC[6], low * front * rear * d6 * BARYCENTRIC[7]
 
 
 @inlined_kernel

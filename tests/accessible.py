@@ -38,6 +38,8 @@ LOOK = """async () => {
     if (e.getClientRects().length && !named && !e.closest("[aria-hidden=true]") && !e.parentElement.closest("svg"))
       told.push(`a picture without words: ${e.outerHTML.slice(0, 120)}`);
   }
+  const ids = [...document.querySelectorAll("[id]")].map(e => e.id);  // a link to one of two leads to the first
+  for (const id of new Set(ids.filter((one, k) => ids.indexOf(one) !== k))) told.push(`an id that stands twice: ${id}`);
   return told;
 }"""
 

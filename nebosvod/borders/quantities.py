@@ -56,25 +56,20 @@ def bordered(**units: str) -> Callable[[F], F]:
     def decorate(function: F) -> F:
         names, wanted = _parameters(function, units)
         label = function.__qualname__.removesuffix(".__init__")
-        epochs_named = frozenset(name for name, unit in wanted.items() if unit == "epoch")
-        epochs = tuple(k for k, name in enumerate(names) if name in epochs_named)
+        epochs = tuple(k for k, name in enumerate(names) if wanted.get(name) == "epoch")
         plain = _plain if "spans" not in wanted.values() else _never
 
         @wraps(function)
         def entered(*args: Any, **kwargs: Any) -> Any:
-            for value in args:
+            for value in (*args, *kwargs.values()):
                 if type(value) not in HARMLESS and not _harmless(type(value)) and not plain(value):
                     break
             else:
-                # an epoch is not a plain number
-                if all(k >= len(args) or type(args[k]) is Epoch or args[k] is None for k in epochs) and (
-                    not kwargs
-                    or all(
-                        (_harmless(type(value)) or plain(value))
-                        and (type(value) is Epoch or value is None or name not in epochs_named)
-                        for name, value in kwargs.items()
-                    )
-                ):
+                for k in epochs:
+                    value = args[k] if k < len(args) else kwargs.get(names[k])
+                    if type(value) is not Epoch and value is not None:  # an epoch is not a plain number
+                        break
+                else:
                     return function(*args, **kwargs)
             border = Border(label, wanted, dict(zip(names, args)) | kwargs)
             args = tuple(border.converted(names[k] if k < len(names) else "", value) for k, value in enumerate(args))

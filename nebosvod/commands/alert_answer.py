@@ -7,6 +7,7 @@ from typing import Any
 import click
 
 from nebosvod.errors import counted
+from nebosvod.impacts.chance import short_words
 from nebosvod.results.alert_words import headline
 
 Row = Mapping[str, Any]
@@ -38,7 +39,9 @@ def alert_lines(summary: Row) -> Iterator[str]:
     )
     yield headline(summary)
     others = (
-        f"{CALLED[prior]} {chance(row)}" for prior, row in summary["by_prior"].items() if prior != summary["headline"]
+        f"{CALLED[prior]} {short_words(row)}"
+        for prior, row in summary["by_prior"].items()
+        if prior != summary["headline"]
     )
     yield f"  prior: {CALLED[summary['headline']]}; others: {'; '.join(others)}"
     yield f"{summary['message'][0].upper()}{summary['message'][1:]}"
@@ -69,18 +72,13 @@ def arc(summary: Row) -> str:
     return f"{60.0 * hours:.0f} min" if hours < 2.0 else f"{hours:.1f} h" if hours < 48.0 else f"{hours / 24.0:.1f} d"
 
 
-def chance(row: Row) -> str:
-    """A probability, or the bound."""
-    return f"< {row['high']:.2g}" if row["bound"] else f"{row['probability']:.3g}"
-
-
 def line_of(summary: Row) -> str:
     """One object in a line."""
     size = summary["quantities"].get("H")
     brightness = f", H {size['median']:.1f}" if size else ""
     best = summary["quantities"]["range_au"]["median"]
     return (
-        f"{summary['object']}: P {chance(summary)}; {counted(summary['n_observations'], 'observation')} over "
+        f"{summary['object']}: P {short_words(summary)}; {counted(summary['n_observations'], 'observation')} over "
         f"{arc(summary)}; range {best:.3g} au{brightness}; {summary['orbit_status'].replace('_', ' ')}"
     )
 
@@ -118,7 +116,7 @@ def _history(rows: list[Row]) -> Iterator[str]:
     if rows:
         yield "\nafter each observation:"
     for row in rows:
-        values = "; ".join(f"{CALLED[prior]} {chance(one)}" for prior, one in row["chances"].items())
+        values = "; ".join(f"{CALLED[prior]} {short_words(one)}" for prior, one in row["chances"].items())
         yield f"  {row['n_observations']:>3}  {row['epoch_utc'][:19].replace('T', ' ')}  {values}"
 
 

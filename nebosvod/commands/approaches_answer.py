@@ -6,6 +6,8 @@ from typing import Any
 
 import click
 
+from nebosvod.impacts.chance import chance_words
+from nebosvod.results.ahead_words import CALLED
 from nebosvod.timescale import Epoch
 
 Row = Mapping[str, Any]
@@ -27,9 +29,7 @@ def lasting(seconds: float) -> str:
 def chance(row: Row) -> str:
     """Probability of impact."""
     p = row["impact_probability_linear"]
-    if p is None:
-        return "-"
-    return "0" if p < 1e-20 else f"{p:.3g}"
+    return "-" if p is None else chance_words(p)
 
 
 COLUMNS: tuple[tuple[str, Callable[[Row], str]], ...] = (
@@ -74,4 +74,5 @@ def print_approaches(summary: Mapping[str, Any], folder: Path | None) -> None:
 def _nearest(row: Row | None) -> str:
     if row is None:
         return ""
-    return f"; the nearest is to {row['body']} on {row['epoch_utc'][:10]} at {row['distance_au']:.4g} au"
+    body = CALLED.get(row["body"], row["body"].capitalize())
+    return f"; the nearest is to {body} on {row['epoch_utc'][:10]} at {row['distance_au']:.4g} au"

@@ -6,6 +6,7 @@ from typing import Any
 import click
 
 from nebosvod.commands.approaches_answer import amount, chance, lasting
+from nebosvod.impacts.chance import row_words
 from nebosvod.timescale import Epoch
 
 MOST_ROWS = 40
@@ -69,9 +70,7 @@ def _risks(found: Mapping[str, Any], labels: list[str]) -> list[list[str]]:
                 cells.append(f"not found, P < {run['sampling']['high']:.2g}")
                 continue
             when = Epoch.parse(one["epoch_utc"]).iso("utc", 0)[:19].replace("T", " ")
-            likely = f"< {one['high']:.2g}" if one["bound"] else f"{one['probability']:.3g}"
-            spread = "" if one["bound"] else f" ({one['low']:.3g} to {one['high']:.3g})"
-            cells.append(f"{when}, P {likely}{spread}")
+            cells.append(f"{when}, P {row_words(one)}")
         lines.append(cells)
     if len(lines) == 1:
         lines.append(["nothing", *(f"P < {run['sampling']['high']:.2g}" for run in found["runs"])])

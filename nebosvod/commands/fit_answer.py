@@ -11,11 +11,11 @@ from rich.table import Table
 
 from nebosvod.commands.diagnosis_answer import diagnosis_lines
 from nebosvod.errors import counted
+from nebosvod.impacts.chance import chance_words
 from nebosvod.results.ahead_words import ahead_sentences
 from nebosvod.results.condensed import condensed, foremost, without
 from nebosvod.results.outlook import (
     answered,
-    chance_words,
     event_words,
     impact_sentences,
     unanswered_sentences,

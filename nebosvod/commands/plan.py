@@ -97,7 +97,7 @@ def planned(mission: "Mission", said: Mapping[str, Any]) -> dict[str, Any]:
     """The plan for a prediction of a mission, by the options as typed."""
     from nebosvod.commands.progress import stages
     from nebosvod.planning.planner import plan as plan_mission
-    from nebosvod.planning.planner import read_wish
+    from nebosvod.planning.wish import read_wish
 
     window = (said["start"], said["end"], said["step"])
     wish = read_wish(

@@ -9,6 +9,7 @@ from rich.markup import escape
 from nebosvod.commands.plan_answer import table
 from nebosvod.commands.risk_answer import asked_bodies, asked_date
 from nebosvod.errors import InputError
+from nebosvod.impacts.chance import chance_words
 from nebosvod.orbits.uncertain import UncertainOrbit
 from nebosvod.planning.coming import Watch
 from nebosvod.planning.decide import Wanted
@@ -19,6 +20,7 @@ from nebosvod.units import ANGLE, DURATION, Dimension, quantity
 DRAWS = (500, 1_000_000)
 TRUTHS = (100, 100_000)
 EXPOSURES = 100
+SHOWN = ("0.01", "0.1", "0.5", "0.9", "0.99")
 STEPS = 20  # candidate times over the schedule of a mission
 
 
@@ -119,7 +121,7 @@ def print_decision(found: Mapping[str, Any], console: Console | None = None) -> 
     out = console or Console(highlight=False, soft_wrap=True)
     out.print(f"[bold]{escape(found['title'])}[/bold]")
     bodies = " or ".join(body.capitalize() for body in found["bodies"])
-    out.print(escape(f"P = {found['probability']:.3g} to hit {bodies} until {found['until_utc'][:10]}"))
+    out.print(escape(f"P = {chance_words(found['probability'])} to hit {bodies} until {found['until_utc'][:10]}"))
     headings = ("1 %", "10 %", "50 %", "90 %", "99 %", f"P < {found['below']:.2g}", f"P > {found['above']:.2g}")
     rows = table(
         "Probability after one visit: quantiles, and chances",
@@ -127,7 +129,7 @@ def print_decision(found: Mapping[str, Any], console: Console | None = None) -> 
         headings,
     )
     for row in found["visits"]:
-        quantiles = [said_chance(row["quantiles"][level]) for level in ("0.01", "0.1", "0.5", "0.9", "0.99")]
+        quantiles = [said_chance(row["quantiles"][level], row["bound"]) for level in SHOWN]
         chances = [said_share(row[name]) for name in ("chance_below", "chance_above")]
         when = row["epoch_utc"][5:16].replace("T", " ")
         rows.add_row(escape(row["telescope"]), when, *quantiles, *chances)

@@ -10,9 +10,11 @@ from nebosvod.commands.approaches_answer import lasting
 from nebosvod.commands.risk_history import print_history
 from nebosvod.dynamics.ephemeris import PLANETS
 from nebosvod.errors import InputError
+from nebosvod.impacts.chance import bound_words, chance_words, row_words
 from nebosvod.impacts.scales import Size
 from nebosvod.impacts.ways import WORDS
 from nebosvod.mission.fields import observation_time
+from nebosvod.results.ahead_words import CALLED
 from nebosvod.timescale import Epoch
 from nebosvod.units import LENGTH, quantity
 
@@ -72,14 +74,6 @@ def asked_size(magnitude: tuple[float, float] | None, diameter: str | None, dens
     return Size.of(None if magnitude is None else magnitude[0], km, density)
 
 
-def chance(row: Row) -> str:
-    """Probability and its interval; of no hit the bound."""
-    if row["bound"]:
-        return f"< {row['high']:.2g} (95 %)" if row["high"] < 1.0 else "-"
-    p, low, high = row["probability"], row["low"], row["high"]
-    return f"{p:.3g}" if low == high else f"{p:.3g} ({low:.3g} to {high:.3g})"
-
-
 def print_risk(summary: Row, folder: Path | None) -> None:
     """Print the orbit, each virtual impactor with its ways, and what a reader must know."""
     orbit = summary["orbit"]
@@ -91,8 +85,8 @@ def print_risk(summary: Row, folder: Path | None) -> None:
         for line in _impactor(row):
             click.echo(line)
     if not summary["virtual_impactors"]:
-        bound = f"P < {summary['sampling']['high']:.2g} (95 %)"
-        where = " or ".join(summary["bodies"])
+        bound = f"P {bound_words(summary['sampling']['high'])}"
+        where = " or ".join(CALLED.get(body, body.capitalize()) for body in summary["bodies"])
         click.echo(
             f"\nno virtual impactor of {where} until {summary['until_utc'][:10]}: none of "
             f"{summary['n_draws']} drawn orbits hits, {bound}, and no other way finds one in reach of 7 sigma"
@@ -115,11 +109,11 @@ def _impactor(row: Row) -> list[str]:
     when = row["epoch_utc"][:19].replace("T", " ")
     said = [
         "",
-        f"{row['body'].capitalize()} on {when} UTC +- {lasting(row['sigma_time_s'])}: {chance(row)}",
+        f"{row['body'].capitalize()} on {when} UTC +- {lasting(row['sigma_time_s'])}: {row_words(row)}",
         f"  {WORDS[row['recommended']]}: {row['reason']}",
     ]
     for way in row["ways"]:
-        said.append(f"    {WORDS[way['way']]:<21} {chance(way)}{'; ' + way['note'] if way['note'] else ''}")
+        said.append(f"    {WORDS[way['way']]:<21} {row_words(way)}{'; ' + way['note'] if way['note'] else ''}")
     if row["sigmas"] is not None:
         stretched = "" if row["stretching_km"] is None else f", where one moves it by {_km(row['stretching_km'])} km"
         said.append(f"  {row['sigmas']:.2f} sigmas along the line of variations{stretched}")
@@ -148,7 +142,7 @@ def _place(level: Row) -> str:
 
 def _budget(budget: Row) -> list[str]:
     """What the probability hangs on: the strongest sources, with the estimate held and, where known, re-optimised."""
-    anew = any(row["elasticity_reoptimised"] is not None for row in budget["rows"])
+    anew = any(row.get("elasticity_reoptimised") is not None for row in budget["rows"])  # an older folder has no key
     said = ["  what it hangs on: source, d ln P / d ln sigma with the estimate held"]
     said[0] += ", re-optimised (weights solved anew, the estimate moves)" if anew else ""
     said[0] += ", P if it were halved and the estimate held"
@@ -156,10 +150,9 @@ def _budget(budget: Row) -> list[str]:
         said[0] += f" (a hint, from {budget['effective_hits']:.0f} effective hits)"
     for row in budget["rows"][:5]:
         held = _with_error(row["elasticity"], row["elasticity_error"])
-        other = _with_error(row["elasticity_reoptimised"], row["elasticity_reoptimised_error"]) if anew else ""
-        said.append(
-            f"    {row['source']:<32} {held}   {other}{'   ' if anew else ''}{row['probability_if_halved']:.3g}"
-        )
+        other = _with_error(row.get("elasticity_reoptimised"), row.get("elasticity_reoptimised_error")) if anew else ""
+        halved = chance_words(min(row["probability_if_halved"], 1.0))
+        said.append(f"    {row['source']:<32} {held}   {other}{'   ' if anew else ''}{halved}")
     return said
 
 

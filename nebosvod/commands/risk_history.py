@@ -9,6 +9,7 @@ import click
 from nebosvod.dynamics import Ephemeris
 from nebosvod.errors import InputError
 from nebosvod.fits.history import Night, Watched, history
+from nebosvod.impacts.chance import row_words
 from nebosvod.impacts.risk import Risk
 from nebosvod.mission import FitMission
 from nebosvod.mission.reading.again import made_from
@@ -78,7 +79,5 @@ def print_history(rows: list[Row]) -> None:
     """Print one line for each night."""
     click.echo("\nAfter each night (UTC): observations, probability, 1 sigma in the target plane")
     for row in rows:
-        span = f"({row['low']:.2g} to {row['high']:.2g})"
-        p = f"< {row['high']:.2g} (95 %)" if row["bound"] else f"{row['probability']:.3g} {span}"
         axes = "" if row["semi_major_km"] is None else f"{row['semi_major_km']:,.0f} x {row['semi_minor_km']:.3g} km"
-        click.echo(f"  {row['until_utc'][:10]}  {row['n_observations']:>4}  {p:<28} {axes}")
+        click.echo(f"  {row['until_utc'][:10]}  {row['n_observations']:>4}  {row_words(row):<28} {axes}")

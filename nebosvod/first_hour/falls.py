@@ -11,10 +11,10 @@ import numpy.typing as npt
 from scipy.special import betaincinv
 
 from nebosvod.dynamics.constants import AU_KM, DAY_S
+from nebosvod.dynamics.each import fates_of_each
 from nebosvod.dynamics.twobody_many import fly as fly_by_the_sun
 from nebosvod.first_hour.draws import Draws, draw, shares
 from nebosvod.first_hour.grid import HEADLINE, Grid
-from nebosvod.first_hour.sight import ALIKE, together
 from nebosvod.first_hour.tracklet import Tracklet
 from nebosvod.impacts.interval import of_count
 from nebosvod.timescale import Epoch
@@ -25,6 +25,7 @@ Rows = npt.NDArray[np.int64]
 WITHIN_D = 100.0
 TOLERANCE = 1e-8
 FAR_KM = 0.03 * AU_KM  # from the Earth, by the Sun alone: what it is about wrong by within a hundred days is less
+WATCHED_KM = 1e9  # every closest approach is told
 LOOK_S = 0.5 * DAY_S
 TARGET_KM = 3e4  # a cell that misses by as much may hold orbits that hit
 FIRST, MORE, ROUNDS = 150, 100, 2
@@ -147,10 +148,11 @@ def flown(tracklet: Tracklet, draws: Draws, within_d: float) -> Falls:
     near = (miss < FAR_KM) & np.isfinite(draws.log_density[HEADLINE])
     body, t_s = np.full(m, "", dtype="<U16"), np.full(m, np.nan)
     place, velocity = np.full((m, 3), np.nan), np.full((m, 3), np.nan)
-    alike = np.searchsorted(ALIKE, np.exp(draws.coordinates[:, 0]) * AU_KM)
-    for group in np.unique(alike[near]):
-        rows = np.flatnonzero(near & (alike == group))
-        _, fates = together(tracklet, draws.states[rows], np.array([within_d * DAY_S]), TOLERANCE, "earth")
+    rows = np.flatnonzero(near)
+    if rows.size:
+        fates = fates_of_each(
+            draws.states[rows], tracklet.epoch, within_d * DAY_S, tracklet.forces, "earth", WATCHED_KM, TOLERANCE
+        )
         hit = rows[fates.impact]
         body[hit], t_s[hit] = fates.body[fates.impact], fates.t_s[fates.impact]
         place[hit], velocity[hit] = fates.position_km[fates.impact], fates.velocity_km_s[fates.impact]

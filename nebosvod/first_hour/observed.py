@@ -20,8 +20,9 @@ from nebosvod.first_hour.tracklet import Columns, Tracklet, middle_of
 from nebosvod.fits.engine import thresholds_of
 from nebosvod.fits.photometry import TO_V
 from nebosvod.mission import FitMission
+from nebosvod.mission.bias import Bias
 from nebosvod.mission.fit import StationUncertainty
-from nebosvod.mission.uncertainty import Bias, Timing
+from nebosvod.mission.uncertainty import Timing
 from nebosvod.observation.formats.records import Astrometry
 from nebosvod.observation.measurement.astrometry import compute
 from nebosvod.scene.dates import dated

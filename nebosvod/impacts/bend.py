@@ -55,8 +55,10 @@ def bend_of(sigmas: Array, points_km: Array, capture_radius_km: float, hits: flo
     along = float(second @ b1) / size**2
     aside = float(abs(second[0] * b1[1] - second[1] * b1[0])) / size
     matters = aside > ASIDE * capture_radius_km or abs(along) * nu > ALONG
+    far = f"{float(f'{aside:.3g}'):,.0f}" if aside >= 1000.0 else f"{aside:.3g}"
     said = (
-        f"the target plane is bent: at {nu:.2g} sigmas the second order moves the point {aside:.3g} km aside of the "
-        f"line and {along:+.2g} sigmas along it, so the linear answer may be off; a flag, no probability is made of it"
+        f"the target plane is bent: at {nu:.2g} {'sigma' if nu == 1.0 else 'sigmas'} the second order moves the point "
+        f"{far} km aside of the line and {along:+.2g} sigmas along it, so the linear answer may be off; a flag, no "
+        "probability is made of it"
     )
     return Bend(aside_km=aside, along_sigmas=along, matters=matters, said=said)

@@ -8,7 +8,7 @@ Array = npt.NDArray[np.float64]
 LEVEL = 0.95
 
 
-def of_count(hits: int, draws: int, level: float = LEVEL) -> tuple[float, float]:
+def of_count(hits: int, draws: float, level: float = LEVEL) -> tuple[float, float]:
     """Interval of a probability from hits among plain draws; without a hit from 0 to the one-sided bound, 3/N at 95 %.
 
     References

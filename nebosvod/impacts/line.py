@@ -1,8 +1,10 @@
 """The line of variations: a string of orbits along the weak direction, its returns, and the chance of a hit from them.
 
 The string goes through the estimate along the most probable deviations that move the orbit ahead or behind: corrected
-to the observations where they are at hand, else straight. Where it passes near the body its closest points are refined;
-what is left of the confidence region across the string is taken as normal there, so the chance is an integral along it.
+to the observations where they are at hand, else straight. Where it passes near the body its closest points are refined.
+The chance of a hit is told by a string of its own, through the estimate along the deviations that move the point in
+this target plane most: an encounter on the way may have stretched others than those that move the orbit ahead. What is
+left of the confidence region across that string is taken as normal there, so the chance is an integral along it.
 
 References
 ----------
@@ -32,6 +34,8 @@ REACH = 6.0  # sigmas across the string
 MOST_MINIMA = 16  # of one string, the nearest of them
 NO_OBSERVATIONS = "no observations are at hand"
 DEEP = 40.0  # capture radii: a string that comes no nearer is not looked at
+ALIGNED = 0.999  # cosine of the angle between directions whose curved strings are one
+ABOUT, ABOUT_POINTS = 1.0, 41  # sigmas either way where a curved string is looked for its nearest point
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -49,7 +53,8 @@ class Minimum:
 class Line:
     """The string, sigmas (k,) of it, their flight, and the returns.
 
-    `why_straight` says why it is not corrected to observations; empty where it is.
+    `why_straight` says why it is not corrected to observations; empty where it is. `corrected` makes curved strings,
+    `strings` are those that were made.
     """
 
     course: Course
@@ -58,23 +63,43 @@ class Line:
     cloud: Cloud
     minima: tuple[Minimum, ...]
     why_straight: str
+    corrected: Corrected | str
+    strings: list[String]
+
+    def toward(self, orbit: HittingOrbit) -> String:
+        """The string along which the point in the target plane of a hitting orbit moves most, in the line's sense.
+
+        Its direction is the leading singular vector of d(xi, zeta)/du, so that what is left moves the point across it.
+        """
+        direction: Array = np.linalg.svd(orbit.J, full_matrices=False)[2][0]
+        if direction @ self.string.direction < 0.0:
+            direction = -direction
+        if not self.string.curved:
+            return String.straight(direction)
+        for one in self.strings:
+            if one.direction @ direction > ALIGNED:
+                return one
+        string, _ = _string(self.course, direction, self.corrected)
+        self.strings.append(string)
+        return string
 
     def probability(self, orbit: HittingOrbit, body: str) -> float:
-        """Chance of a hit near one hitting orbit, by the string.
+        """Chance of a hit near one hitting orbit, by a string of its own.
 
         Parameters
         ----------
         orbit : whose partials tell how wide the region is across the string, and where the string is nearest.
         """
-        along = orbit.J @ self.string.direction
-        across = orbit.J - np.outer(along, self.string.direction)
+        string = self.toward(orbit)
+        along = orbit.J @ string.direction
+        across = orbit.J - np.outer(along, string.direction)
         size, radius = float(np.linalg.norm(along)), orbit.plane.capture_radius_km
-        middle = self._nearest(orbit, body)
+        middle = self._nearest(string, orbit, body)
         half = (1.5 * radius + REACH * float(np.linalg.norm(across, 2))) / max(size, 1e-300)
-        low, high = self.string.ends
+        low, high = string.ends
         sigmas = np.linspace(max(middle - half, low), min(middle + half, high), NODES)
         last = min(orbit.epoch + AFTER_S, self.course.last)
-        passage = _passage(self._fly(sigmas, last), body, orbit.epoch)
+        passage = _passage(self.course.fly(_strung(self.course, string, sigmas), None, last), body, orbit.epoch)
         if passage is None:
             return 0.0
         turn = orbit.plane.axes[[0, 2]] @ passage.axes[[0, 2]].T
@@ -84,17 +109,18 @@ class Line:
         density = np.exp(-0.5 * sigmas[known] ** 2) / np.sqrt(2.0 * np.pi)
         return float(np.trapezoid(density * chance, sigmas[known]))
 
-    def _nearest(self, orbit: HittingOrbit, body: str) -> float:
-        """Sigma where the string is nearest to the body for a hitting orbit, which a curved one need not go through."""
-        level = float(self.string.sigma_of(orbit.u[None])[0])
-        near = [
-            one.sigma for one in self.minima
-            if one.body == body and abs(one.epoch - orbit.epoch) < GAP_S and abs(one.sigma - level) < 1.0
-        ]  # fmt: skip
-        return min(near, key=lambda sigma: abs(sigma - level), default=level) if self.string.curved else level
-
-    def _fly(self, sigmas: Array, last: Epoch) -> Cloud:
-        return self.course.fly(_strung(self.course, self.string, sigmas), None, last)
+    def _nearest(self, string: String, orbit: HittingOrbit, body: str) -> float:
+        """Sigma where a string is nearest to the body for a hitting orbit, which a curved one need not go through."""
+        level = float(string.sigma_of(orbit.u[None])[0])
+        if not string.curved:
+            return level
+        sigmas = np.linspace(max(level - ABOUT, string.ends[0]), min(level + ABOUT, string.ends[1]), ABOUT_POINTS)
+        last = min(orbit.epoch + GAP_S, self.course.last)
+        passage = _passage(self.course.fly(_strung(self.course, string, sigmas), None, last), body, orbit.epoch)
+        lowest = [] if passage is None else _lowest(sigmas, passage)
+        if not lowest:
+            return level
+        return _refined(self.course, string, *min(lowest, key=lambda one: abs(one[1] - level))).sigma
 
 
 def line_of_variations(
@@ -115,7 +141,8 @@ def line_of_variations(
     fine = [_refined(course, string, *one) for one in coarse[:MOST_MINIMA]]
     minima = [one for one in fine if one.distance_km <= DEEP * one.capture_radius_km]
     return Line(
-        course=course, string=string, sigmas=sigmas, cloud=cloud, minima=tuple(minima), why_straight=why_straight
+        course=course, string=string, sigmas=sigmas, cloud=cloud, minima=tuple(minima), why_straight=why_straight,
+        corrected=corrected, strings=[string],
     )  # fmt: skip
 
 

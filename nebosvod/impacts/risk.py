@@ -50,7 +50,7 @@ class VirtualImpactor:
     orbits : the most probable ones that hit, of each separate part of the region.
     ways, recommended, reason : every way, which one is to be believed, and why.
     cloud, passage : the drawn orbits that tell most of it, and the encounter among theirs.
-    sigmas_line : how many sigmas along the line of variations the hits are; None without a line.
+    sigmas_line : how many sigmas along the line of variations towards them the hits are; None without a line.
     stretching_km : how far one sigma along the line moves the point in the target plane.
     bend : how far from linear the target plane is about the estimate; None where the line has no encounter there.
     """
@@ -279,9 +279,10 @@ def _moment(cloud: Cloud, passage: Passage) -> tuple[Epoch, float]:
 def _along(
     line: Line | None, cloud: Cloud, passage: Passage, orbits: Sequence[HittingOrbit]
 ) -> tuple[float | None, float | None]:
-    """Mean sigma of the hits along the line, and how far one sigma moves the point in the target plane."""
-    if line is None:
+    """Mean sigma of the hits along the line towards them, and how far one sigma moves the point in the target plane."""
+    if line is None or not orbits:
         return None, None
+    string = line.toward(orbits[0])
     white = np.asarray(np.linalg.solve(line.course.orbit.factor, cloud.deviations[passage.hits].T).T, dtype=np.float64)
-    nu = float(np.average(line.string.sigma_of(white), weights=cloud.weights[passage.hits]))
-    return nu, float(np.linalg.norm(orbits[0].J @ line.string.direction)) if orbits else None
+    nu = float(np.average(string.sigma_of(white), weights=cloud.weights[passage.hits]))
+    return nu, float(np.linalg.norm(orbits[0].J @ string.direction))

@@ -4,9 +4,11 @@ The table of contents of this package; see docs/mission.md for the file and the 
 """
 
 from nebosvod.borders.treatment import Treatment
+from nebosvod.mission.bias import Bias
 from nebosvod.mission.fit import FitMission
 from nebosvod.mission.model import Mission
 from nebosvod.mission.parameter import Parameter
+from nebosvod.mission.position import Position
 from nebosvod.mission.question import SCHEMA_VERSION, CovariancePrior, Question
 from nebosvod.mission.reading.builtin import list_missions, template_text
 from nebosvod.mission.reading.cost import Cost, estimate_cost
@@ -25,7 +27,7 @@ from nebosvod.mission.sources import Shared, Source
 from nebosvod.mission.spacecraft import Geostationary, Heliocentric
 from nebosvod.mission.target import Target
 from nebosvod.mission.telescope import Noise, Telescope
-from nebosvod.mission.uncertainty import Bias, Photocentre, Position, Timing
+from nebosvod.mission.uncertainty import Photocentre, Timing
 
 __all__ = [
     "SCHEMA_VERSION",

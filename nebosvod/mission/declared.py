@@ -203,6 +203,21 @@ class TrueAmplitude(TrueValue):
     sigma: Spread | None = None
 
 
+def misplaced(block: Block, correlation: str, owners: dict[str, tuple[str, bool]]) -> list[Complaint]:
+    """Keys that belong to one correlation only: complain where they are missing there, or stand elsewhere.
+
+    owners : key -> (the correlation it belongs to, whether that one needs it).
+    """
+    found: list[Complaint] = []
+    for key, (owner, needed) in owners.items():
+        said = getattr(block, key) is not None
+        if said and correlation != owner:
+            found.append(((key,), f"belongs to {owner} only (got correlation {correlation})"))
+        if needed and not said and correlation == owner:
+            found.append(((key,), f"is missing; {owner} needs it"))
+    return found
+
+
 def twin_complaints(twin: Twin | None, has_sigma: bool, treatment: Treatment) -> list[Complaint]:
     """A twin stands beside an assumption that something is made of."""
     if twin is None:

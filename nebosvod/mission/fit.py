@@ -8,6 +8,7 @@ import numpy as np
 from pydantic import Field, PrivateAttr
 
 from nebosvod.errors import InputError
+from nebosvod.mission.bias import Bias
 from nebosvod.mission.covariance import Array, Matrix
 from nebosvod.mission.fields import (
     Block,
@@ -24,6 +25,7 @@ from nebosvod.mission.fields import (
 from nebosvod.mission.found import STATE_LABELS, FileOrbit, files_of
 from nebosvod.mission.orbit import Frame, SbdbOrbit, StateOrbit
 from nebosvod.mission.parameter import LOGARITHMS
+from nebosvod.mission.position import Position
 from nebosvod.mission.question import DEFAULT_ESTIMATOR, SCHEMA_VERSION, CovariancePrior, PriorChoice, Question
 from nebosvod.mission.request import (
     Estimator,
@@ -38,7 +40,7 @@ from nebosvod.mission.request import (
 from nebosvod.mission.sources import KINDS, Source, of_object
 from nebosvod.mission.spacecraft import OemFile, Spk, Tabulated
 from nebosvod.mission.target import Body, Orbit
-from nebosvod.mission.uncertainty import Bias, Error, Group, Position, Timing
+from nebosvod.mission.uncertainty import Error, Group, Timing
 from nebosvod.timescale import Epoch
 
 Complaint = tuple[KeyPath, str]

@@ -3,11 +3,13 @@
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
+from nebosvod.mission.bias import Bias
 from nebosvod.mission.fields import Block, KeyPath, Text
+from nebosvod.mission.position import Position
 from nebosvod.mission.request import TelescopeNames
 from nebosvod.mission.target import Body, Target
 from nebosvod.mission.telescope import Telescope
-from nebosvod.mission.uncertainty import GROUPS, Bias, Error, Group, Position, Timing
+from nebosvod.mission.uncertainty import GROUPS, Error, Group, Timing
 
 KINDS: tuple[Group, ...] = ("bias", "position", "timing")  # what an entry of `shared`, or of a fit, may have
 OWN: tuple[Group, ...] = tuple(group for group in GROUPS if group in Telescope.model_fields)  # what a telescope may

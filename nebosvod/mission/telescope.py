@@ -4,6 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from nebosvod.mission.bias import Bias, Pair, one_or_pair, sigma_update
 from nebosvod.mission.declared import TrueNoise
 from nebosvod.mission.fields import (
     Altitude,
@@ -17,8 +18,9 @@ from nebosvod.mission.fields import (
     Text,
     When,
 )
+from nebosvod.mission.position import Position
 from nebosvod.mission.spacecraft import Ground, TelescopeOrbit
-from nebosvod.mission.uncertainty import Bias, Pair, PlateScale, Position, Timing, one_or_pair, sigma_update
+from nebosvod.mission.uncertainty import PlateScale, Timing
 
 NAUTICAL_TWILIGHT = -12.0 / 57.29577951308232  # rad, altitude of the Sun at its end
 LEAST_ALTITUDE = 20.0 / 57.29577951308232  # rad, 2.9 air masses

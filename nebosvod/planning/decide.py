@@ -17,6 +17,7 @@ from nebosvod.estimation.accuracy.preposterior import Foreseen, foresee
 from nebosvod.estimation.accuracy.target_map import TargetMap
 from nebosvod.impacts.cloud import Cloud, Passage
 from nebosvod.impacts.flight import TOLERANCE, WIDER_KM, Course
+from nebosvod.impacts.interval import of_count
 from nebosvod.impacts.risk import passage_of
 from nebosvod.orbits.uncertain import UncertainOrbit
 from nebosvod.planning.coming import Visit, Watch, predictions, seen, visit
@@ -77,6 +78,12 @@ class Outcome:
     def quantiles(self) -> dict[float, float]:
         """Of the future probability."""
         return {level: float(np.quantile(self.foreseen.probability, level)) for level in LEVELS}
+
+    @property
+    def bound(self) -> float | None:
+        """Below which (95 %) future probabilities lie of which no orbit hits; None where each has one that does."""
+        none = self.foreseen.probability <= 0.0
+        return of_count(0, max(float(np.median(self.foreseen.effective[none])), 1.0))[1] if none.any() else None
 
     def chance_below(self, threshold: float) -> float:
         """That the future probability is below a threshold."""
@@ -163,7 +170,7 @@ def decide(
         unseen=unseen,
         flown=flown,
         misjudged=0.0 if maps is None else float(max(one.error for one in maps)),
-        warnings=tuple(_warnings(visits, outcomes, flown)),
+        warnings=tuple(_warnings(visits, outcomes, flown, 0.1 * now if wanted.below is None else wanted.below)),
     )
 
 
@@ -248,7 +255,7 @@ def _by_flight(course: Course) -> Callable[[Array], Mask]:
     return hit
 
 
-def _warnings(visits: Sequence[Visit], outcomes: Sequence[Outcome], flown: bool) -> list[str]:
+def _warnings(visits: Sequence[Visit], outcomes: Sequence[Outcome], flown: bool, below: float) -> list[str]:
     """What limits the answer."""
     said = [
         f"{name}: is taken as drawn anew for a visit, though it is correlated in time with past measurements"
@@ -261,4 +268,10 @@ def _warnings(visits: Sequence[Visit], outcomes: Sequence[Outcome], flown: bool)
     poor = sum(int(np.count_nonzero(one.foreseen.effective < 50.0)) for one in outcomes)
     if poor:
         said.append(f"{poor} future probabilities rest on fewer than 50 orbits; give more --draws")
+    bound = max((one.bound or 0.0 for one in outcomes), default=0.0)
+    if bound > below:
+        said.append(
+            f"where no orbit that agrees with a visit hits, the probability is only known below {bound:.1g} (95 %), "
+            f"and counts as below {below:.2g}"
+        )
     return said

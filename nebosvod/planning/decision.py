@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
+from nebosvod.impacts.chance import chance_words
 from nebosvod.orbits.uncertain import UncertainOrbit
 from nebosvod.planning.decide import Decision, Outcome, Wanted
 
@@ -47,6 +48,7 @@ def _row(orbit: UncertainOrbit, one: Outcome, found: Decision) -> dict[str, Any]
         "epoch_utc": begins.iso("utc", 0),
         "epoch_tdb": begins.iso(),
         "quantiles": {f"{level:g}": value for level, value in one.quantiles.items()},
+        "bound": one.bound,
         "chance_below": one.chance_below(found.below),
         "chance_above": one.chance_above(found.above),
         "effective_median": float(sorted(foreseen.effective)[len(foreseen.effective) // 2]),
@@ -54,26 +56,28 @@ def _row(orbit: UncertainOrbit, one: Outcome, found: Decision) -> dict[str, Any]
     }
 
 
-def said_chance(value: float) -> str:
-    """A future probability in words; of no orbit that hits, which is not 0, that it is next to nothing."""
-    return f"{value:.2g}" if value > 0.0 else "~0"
+def said_chance(value: float, bound: float | None) -> str:
+    """A future probability in words; where no orbit hits, which is not 0, its bound."""
+    if value > 0.0:
+        return f"{value:.2g}" if value < 0.995 else chance_words(value)
+    return "next to 0" if bound is None else f"< {bound:.1g}"  # of an earlier version
 
 
 def advice(found: Mapping[str, Any]) -> str:
     """What to expect, in one sentence."""
     row = found["visits"][found["best"]]
-    low, high = said_chance(row["quantiles"]["0.1"]), said_chance(row["quantiles"]["0.9"])
-    span = f"{low} to {high}" if low != high else low if row["quantiles"]["0.9"] > 0.0 else "next to 0"
+    low, high = (said_chance(row["quantiles"][level], row.get("bound")) for level in ("0.1", "0.9"))
+    span = (f"{low} to {high}" if low != high else low).replace("<", "below")
     when = f"{row['telescope']} on {row['epoch_utc'][:16].replace('T', ' ')} UTC"
     if row["chance_below"] + row["chance_above"] < LEAST:
         return (
             f"no visit is likely to decide: after {when} the probability will be {span} (80 %), "
-            f"now {found['probability']:.3g}"
+            f"now {chance_words(found['probability'])}"
         )
     return (
         f"after {when} the probability falls below {found['below']:.2g} with {_percent(row['chance_below'])} and "
         f"rises above {found['above']:.2g} with {_percent(row['chance_above'])}; it will be {span} "
-        f"(80 %), now {found['probability']:.3g}"
+        f"(80 %), now {chance_words(found['probability'])}"
     )
 
 

@@ -9,6 +9,7 @@ import numpy.typing as npt
 from markupsafe import Markup
 
 from nebosvod.borders.stored import read_arrays, read_object
+from nebosvod.impacts.chance import digits
 from nebosvod.report.kit.base import render
 from nebosvod.report.kit.chart import Chart
 from nebosvod.report.kit.download import csv
@@ -18,7 +19,6 @@ from nebosvod.report.kit.stamp import stamp_of
 from nebosvod.report.kit.wording import moment, number
 from nebosvod.report.kit.worldmap import Corridor, maps
 from nebosvod.report.run.tables import Cell, Table
-from nebosvod.results.alert_words import digits
 from nebosvod.timescale import Epoch
 
 Item = Mapping[str, Any]
@@ -34,6 +34,7 @@ QUANTITIES = {
     "i_deg": "inclination, deg", "q_au": "perihelion, au", "H": "H", "diameter_m": "diameter, m",
 }  # fmt: skip
 MOST_FIELDS = 6
+PRIORS_AGREE = 0.2  # probabilities that differ by less, of 1 or of the largest, are called equal
 NOTED = 1e-3  # a probability from which the verdict is a caution
 
 
@@ -51,6 +52,7 @@ def make_alert_page(folder: Path) -> str:
         headline=_headline(summary),
         tone="caution" if summary["warnings"] or (summary["probability"] or 0.0) >= NOTED else "good",
         tiles=_tiles(summary),
+        answers=_answers(summary),
         plane=[_plane(summary, arrays)],
         chances=_chances(summary),
         quantities=_quantities(summary["quantities"]),
@@ -95,6 +97,38 @@ def _tiles(summary: Item) -> list[tuple[str, Cell]]:
     if size := quantities.get("diameter_m"):
         tiles.append(("diameter, 68 %", f"{number(size['q16'], 2)} to {number(size['q84'], 2)} m"))
     return tiles
+
+
+def _answers(summary: Item) -> list[tuple[str, list[Cell]]]:
+    """How well the orbit is known, whether the probability may be believed, what would settle it."""
+    said: list[tuple[str, list[Cell]]] = [("How accurate", [_sentence(summary["message"])])]
+    chances = [row["probability"] or 0.0 for row in summary["by_prior"].values()]
+    low, high = min(chances), max(chances)
+    if high > 0.0:
+        apart = high - low > PRIORS_AGREE and low < (1.0 - PRIORS_AGREE) * high
+        told = (
+            f"With caution: the prior decides, from {number(low, 2)} to {number(high, 2)}" if apart
+            else "Yes, as far as the stated noise holds: it hardly depends on the prior"
+        )  # fmt: skip
+        said.append(("Can it be believed", [f"{told}.", "With a few more observations the priors agree."]))
+    best = max(summary["decisions"], key=lambda row: row["settles"], default=None)
+    if best is not None:
+        said.append(("What would help", [
+            Markup("One more observation from {} at {} settles it with a chance of {}.").format(
+                best["telescope"], moment(best["epoch_utc"]), number(best["settles"], 2))
+        ]))  # fmt: skip
+    elif summary["fields"]:
+        first = summary["fields"][0]
+        said.append(("What would help", [
+            Markup("One more observation: {} sees it at RA {:.3f}°, Dec {:+.3f}° ± {} arcsec (1σ), {}.").format(
+                first["telescope"], first["ra_deg"], first["dec_deg"], number(first["semi_major_arcsec"], 2),
+                moment(first["epoch_utc"]))
+        ]))  # fmt: skip
+    return said
+
+
+def _sentence(text: str) -> str:
+    return text[:1].upper() + text[1:] + ("" if text.endswith(".") else ".")
 
 
 def _plane(summary: Item, arrays: Arrays) -> Plate:
@@ -237,7 +271,7 @@ def _history(rows: Sequence[Item]) -> Plate:
     """Probabilities after each observation."""
     start = Epoch.parse(rows[0]["epoch_utc"])
     t = np.array([Epoch.parse(row["epoch_utc"]) - start for row in rows]) / 3600.0
-    chart = Chart("history", height=300.0)
+    chart = Chart("chances-by-time", height=300.0)
     panel = chart.panel(
         linear(t, "h after the first of these"), linear([0.0, 1.0], "probability of impact"), top=8.0, bottom=225.0
     )

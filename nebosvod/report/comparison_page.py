@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from nebosvod.errors import listed
 from nebosvod.estimation.accuracy.formed import matrix_of
 from nebosvod.mission.slugs import array_name
 from nebosvod.report.kit import wording
 from nebosvod.report.kit.base import render
 from nebosvod.report.kit.chart import Chart
 from nebosvod.report.kit.download import csv
+from nebosvod.report.kit.facts import LEADING
 from nebosvod.report.kit.outline import outline
 from nebosvod.report.kit.plate import SERIES, Plate
 from nebosvod.report.kit.scale import linear
@@ -36,13 +36,46 @@ def make_comparison_page(found: Item) -> str:
         kind="Comparison",
         title=" · ".join(labels),
         found=found,
-        answers=[sentence(row, labels) for row in found["predictions"] if row["comparable"]],
+        headline=_headline(found, labels),
+        answers=_answers(found, labels),
+        warnings=found["warnings"],
         plates=[ellipse_plate(row, labels) for row in found["ellipses"]],
         orbit=_orbit(found, labels),
         predictions=_predictions(found, labels),
         budgets=[_budget(row, labels, telescopes) for row in found["predictions"] if row["comparable"]],
-        listed=listed,
     )
+
+
+def _headline(found: Item, labels: Sequence[str]) -> Markup | str:
+    """Which run knows the first prediction best, before anything else."""
+    comparable = [row for row in found["predictions"] if row["comparable"]]
+    if not comparable:
+        return "These runs have no prediction in common."
+    first = next((row for row in comparable if row["plane"] in LEADING), comparable[0])
+    return sentence(first, labels)
+
+
+def _answers(found: Item, labels: Sequence[str]) -> list[tuple[str, list[Cell]]]:
+    """How accurate each run is, because of what, and whether they may be compared at all."""
+    comparable = [row for row in found["predictions"] if row["comparable"]]
+    if not comparable:
+        return [("Can it be believed", ["The runs answer different questions."])]
+    said: list[tuple[str, list[Cell]]] = [("How accurate", [sentence(row, labels) for row in comparable])]
+    first = next((row for row in comparable if row["plane"] in LEADING), comparable[0])
+    parts = []
+    for k, label in enumerate(labels):
+        worst = max(first["budget"], key=lambda row: row["share"][k], default=None)
+        if worst is not None and worst["share"][k] > 0.0:
+            parts.append(Markup("{}: {} {}").format(label, worst["source"], percent(worst["share"][k])))
+    if parts:
+        text = Markup("Largest error contribution to {}: {}.").format(first["name"], Markup("; ").join(parts))
+        said.append(("Because of what", [text]))
+    n = len(found["warnings"])
+    told = (
+        "All runs answer the same questions." if not n
+        else f"Not everything compares: {wording.count(n, 'thing')} {'differs' if n == 1 else 'differ'} among them."
+    )  # fmt: skip
+    return [*said, ("Can it be believed", [told])]
 
 
 def sentence(row: Item, labels: Sequence[str]) -> Markup:

@@ -12,7 +12,7 @@ from nebosvod.report.kit.chart import Chart
 from nebosvod.report.kit.download import csv
 from nebosvod.report.kit.plate import BLUE, GREY, INK, Plate
 from nebosvod.report.kit.scale import linear
-from nebosvod.report.kit.wording import NBSP
+from nebosvod.report.kit.wording import NBSP, join
 from nebosvod.report.run.tables import Cell, Table
 from nebosvod.timescale import SECONDS_PER_DAY, Epoch
 
@@ -29,9 +29,17 @@ def make_decision_page(found: Item) -> str:
         title=found["title"],
         found=found,
         said=said[0].upper() + said[1:] + ".",
+        warnings=_warnings(found),
         plates=[future_plate(found), chances_plate(found)],
         rows=_table(found),
     )
+
+
+def _warnings(found: Item) -> list[str]:
+    """Warnings, and who never sees the object."""
+    blind = found["never_visible"]
+    said = [f"{join(blind)} never {'see' if len(blind) > 1 else 'sees'} the object at these times"] if blind else []
+    return [*said, *found["warnings"]]
 
 
 def future_plate(found: Item) -> Plate:
@@ -118,7 +126,7 @@ def _when(row: Item) -> str:
 def _table(found: Item) -> Table:
     rows: list[tuple[Cell, ...]] = []
     for row in found["visits"]:
-        quantiles = [said_chance(row["quantiles"][level]) for level in SHOWN]
+        quantiles = [said_chance(row["quantiles"][level], row.get("bound")) for level in SHOWN]
         chances = [said_share(row[name]) for name in ("chance_below", "chance_above")]
         rows.append((row["telescope"], _when(row), *quantiles, *chances))
     return Table(

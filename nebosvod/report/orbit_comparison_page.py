@@ -27,6 +27,7 @@ def make_orbit_comparison_page(found: Item) -> str:
     """Return the page of what `nebosvod compare --json` prints of such folders; the same gives the same bytes."""
     labels = [run["label"] for run in found["runs"]]
     make_table, make_plates = PARTS[found["kind"]]
+    agreed = [_agreed(row, found["runs"]) for row in found["rows"]] if found["kind"] == "risk" else []
     return render(
         "orbit_comparison.html",
         kind="Comparison",
@@ -35,7 +36,8 @@ def make_orbit_comparison_page(found: Item) -> str:
         found=found,
         plates=make_plates(found, labels),
         rows=make_table(found, labels),
-        answers=[_agreed(row, found["runs"]) for row in found["rows"]] if found["kind"] == "risk" else [],
+        headline="Not everything compares." if found["warnings"] else "All answer the same question.",
+        told=[("How they agree", agreed)] if agreed else [],
         orbits=_orbits(found),
     )
 

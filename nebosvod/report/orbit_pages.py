@@ -9,6 +9,7 @@ from markupsafe import Markup
 
 from nebosvod.borders.stored import read_object
 from nebosvod.dynamics.surface import SURFACE_KM
+from nebosvod.impacts.chance import chance_words
 from nebosvod.report.kit.base import render
 from nebosvod.report.kit.chart import NARROW, Chart
 from nebosvod.report.kit.download import csv
@@ -17,7 +18,7 @@ from nebosvod.report.kit.plate import BLUE, GREY, INK, VERMILION, Plate, thin
 from nebosvod.report.kit.scale import calendar, linear, logarithmic
 from nebosvod.report.kit.stamp import stamp_of
 from nebosvod.report.kit.target import TargetView, target_plates
-from nebosvod.report.kit.wording import count, moment, quantity
+from nebosvod.report.kit.wording import NBSP, count, moment, quantity
 from nebosvod.report.kit.worldmap import Corridor, maps
 from nebosvod.report.run.tables import Cell, Table
 from nebosvod.results.ahead_words import CALLED
@@ -36,7 +37,7 @@ def make_ephemeris_page(folder: Path) -> str:
     """Return the page of a folder of `nebosvod ephemeris`; the same folder gives the same bytes."""
     summary = read_object(Path(folder) / "summary.json")
     rows = summary["rows"]
-    headline = summary["ended"] or f"{count(len(rows), 'time')} from {summary['observer']}"
+    headline = summary["ended"] or _seen(rows)
     return render(
         "orbit.html",
         kind="Ephemeris",
@@ -45,7 +46,7 @@ def make_ephemeris_page(folder: Path) -> str:
         summary=summary,
         lead=summary["observer"],
         tone="caution" if summary["ended"] else "good",
-        headline=headline[0].upper() + headline[1:],
+        headline=_upper(headline),
         plates=[_over_time(rows, key, label) for key, label in FIGURES.items()] if len(rows) > 1 else [],
         rows_title="Positions",
         rows=_positions(rows),
@@ -69,6 +70,24 @@ def make_approaches_page(folder: Path) -> str:
         rows_title="Approaches",
         rows=_approaches(rows),
     )
+
+
+def _upper(text: str) -> str:
+    """With a capital letter."""
+    return text[0].upper() + text[1:]
+
+
+def _seen(rows: Sequence[Item]) -> str:
+    """How bright, how near and how well known it is over these times."""
+    nearest = min(rows, key=lambda row: row["distance_au"])
+    size = [f"{value:.3g}" for value in sorted(row["semi_major_arcsec"] for row in rows)[:: max(len(rows) - 1, 1)]]
+    known = [row for row in rows if row["V"] is not None]
+    said = f"nearest at {nearest['distance_au']:.4g} au on {nearest['epoch_utc'][:10]}; known to "
+    said += " to ".join(dict.fromkeys(size)) + " arcsec (1σ, the long axis)"
+    if known:
+        brightest = min(known, key=lambda row: row["V"])
+        said = f"V {brightest['V']:.1f} at its brightest, on {brightest['epoch_utc'][:10]}; {said}"
+    return said
 
 
 def _likely(rows: Sequence[Item]) -> float:
@@ -100,9 +119,11 @@ def _said(summary: Item) -> Cell:
         quantity(nearest["sigma_distance_km"], "km"),
     )
     if (likely["impact_probability_linear"] or 0.0) >= 1e-12:
-        text += Markup("; the linear chance to hit {} on {} is {:.3g}").format(
-            _called(likely["body"]), moment(likely["epoch_tdb"]), likely["impact_probability_linear"]
+        text += Markup("; the linear chance to hit {} on {} is {}").format(
+            _called(likely["body"]), moment(likely["epoch_tdb"]), chance_words(likely["impact_probability_linear"])
         )
+    if _likely(rows) >= NOTED:
+        text += "; nebosvod risk tells how far to believe it"
     return text
 
 
@@ -125,7 +146,7 @@ def _over_time(rows: list[Item], key: str, label: str) -> Plate:
     panel.close()
     caption = Markup("The {}: from {:.4g} to {:.4g}.").format(label, float(values.min()), float(values.max()))
     columns = {"epoch_utc": [row["epoch_utc"] for row in rows], key: values}
-    return chart.plate(label, caption, [csv(f"ephemeris-{key}", columns)])
+    return chart.plate(_upper(label), caption, [csv(f"ephemeris-{key}", columns)])
 
 
 def _distances(rows: list[Item]) -> Plate:
@@ -157,7 +178,7 @@ def _distances(rows: list[Item]) -> Plate:
 
 
 def _planes(rows: list[Item]) -> list[Plate]:
-    """Target planes of approaches in which the body is more than a dot, and the map of an impact on the Earth."""
+    """Target planes where the body is more than a dot or may be hit, and the map of an impact on the Earth."""
     plates: list[Plate] = []
     for number, row in enumerate(rows):
         if None in (row["xi_km"], row["semi_major_km"], row["capture_radius_km"]) or row["body"] not in SURFACE_KM:
@@ -165,7 +186,8 @@ def _planes(rows: list[Item]) -> list[Plate]:
         centre = np.array([row["xi_km"], row["zeta_km"]])
         K = covariance_of(row["semi_major_km"], row["semi_minor_km"], row["angle_deg"])
         reach = float(np.abs(centre).max()) + 3.0 * float(row["semi_major_km"])
-        if reach > DOT * row["capture_radius_km"] or len(plates) >= MOST_PLANES:
+        a_dot = reach > DOT * row["capture_radius_km"] and (row["impact_probability_linear"] or 0.0) < NOTED
+        if a_dot or len(plates) >= MOST_PLANES:
             continue
         view = TargetView(
             body=row["body"], radius_km=SURFACE_KM[row["body"]], capture_km=row["capture_radius_km"], centre=centre,
@@ -191,9 +213,9 @@ def _positions(rows: list[Item]) -> Table | None:
             "elongation, deg", "V")  # fmt: skip
     body: list[tuple[Cell, ...]] = [
         (
-            row["epoch_utc"].removesuffix(" UTC"),
+            row["epoch_utc"][:19].replace("T", NBSP).replace("-", "\u2011"),
             f"{row['ra_deg']:.6f}",
-            f"{row['dec_deg']:.6f}",
+            f"{row['dec_deg']:.6f}".replace("-", "−"),
             f"{row['semi_major_arcsec']:.3g} × {row['semi_minor_arcsec']:.3g}",
             f"{row['position_angle_deg']:.1f}",
             f"{row['distance_au']:.6f}",
@@ -225,7 +247,7 @@ def _approaches(rows: list[Item]) -> Table | None:
             _pair(row, "xi_km", "zeta_km", ", "),
             _pair(row, "semi_major_km", "semi_minor_km", " × "),
             "–" if row["v_infinity_km_s"] is None else f"{row['v_infinity_km_s']:.3f} km/s",
-            "–" if row["impact_probability_linear"] is None else f"{row['impact_probability_linear']:.3g}",
+            "–" if row["impact_probability_linear"] is None else chance_words(row["impact_probability_linear"]),
         )
         for row in rows
     ]

@@ -29,10 +29,40 @@ def make_plan_page(found: Item) -> str:
         title=found["title"],
         found=found,
         said=said[0].upper() + said[1:] + ".",
+        answers=_answers(found),
+        warnings=_warnings(found),
         plates=[gain_plate(found), schedule_plate(found)],
         windows=_windows(found),
         schedule=_schedule(found),
     )
+
+
+def _answers(found: Item) -> list[tuple[str, list[Cell]]]:
+    """What is known now, what the visits bring, how far that is to be believed, what would help."""
+    which, unit, name = found["criterion"], found["unit"], found["prediction"]["name"]
+    now, best, greedy, even = found["sigma_now"][which], found["windows"][0], found["greedy"][which], found["uniform"]
+    after, evenly = greedy[-1]["sigma_after"][which], even[-1]["sigma_after"][which]
+    accurate = Markup("<b>{}</b> {} now ({}); after {} chosen so {}, after as many at even times {}.").format(
+        name, quantity(now, unit), CRITERIA[which], wording.count(len(greedy), "visit"), quantity(after, unit),
+        quantity(evenly, unit),
+    )  # fmt: skip
+    first, last = best["window_tdb"]
+    helps = Markup("A visit of {} at {}: {} less; at least 90{}% of that gain {}.").format(
+        best["telescope"], wording.moment(best["epoch_tdb"]), f"{best['reduction_percent'][which]:.2g}{NBSP}%", NBSP,
+        Markup("only then") if first == last else Markup("from {}").format(_span(first, last)),
+    )  # fmt: skip
+    believed = (
+        f"As far as the mission's error model holds: sigmas foretold by estimator {found['estimator']}, linear about "
+        "the reference orbit; nothing is drawn."
+    )
+    return [("How accurate", [accurate]), ("What would help", [helps]), ("Can it be believed", [believed])]
+
+
+def _warnings(found: Item) -> list[str]:
+    """Warnings, and who never sees the object."""
+    blind = found["never_visible"]
+    said = [f"{join(blind)} never {'see' if len(blind) > 1 else 'sees'} the object at these epochs"] if blind else []
+    return [*said, *found["warnings"]]
 
 
 def gain_plate(found: Item) -> Plate:

@@ -8,11 +8,12 @@ import numpy as np
 import numpy.typing as npt
 from markupsafe import Markup
 
+from nebosvod.report import study_words
 from nebosvod.report.kit.base import render
 from nebosvod.report.kit.download import Download, csv
 from nebosvod.report.kit.plate import Plate
 from nebosvod.report.kit.stamp import stamp
-from nebosvod.report.kit.wording import DASH, count, join, percent, quantity
+from nebosvod.report.kit.wording import DASH, percent, quantity
 from nebosvod.report.run.tables import Cell, Table
 from nebosvod.report.study_figures import (
     blame_plate,
@@ -25,7 +26,8 @@ from nebosvod.report.study_figures import (
     shares_plate,
     titled,
 )
-from nebosvod.report.study_population import KIND, population_words, seen_table, sky_plate, time_plates, warned_table
+from nebosvod.report.study_population import KIND, seen_table, sky_plate, time_plates, warned_table
+from nebosvod.report.study_words import is_number, page_unit
 
 Item = Mapping[str, Any]
 Columns = Mapping[str, npt.NDArray[Any]]
@@ -53,98 +55,21 @@ def make_study_page(found: Item, columns: Columns) -> str:
         title=found["title"],
         found=found,
         tone="bad" if bad else "caution" if lost else "good",
-        verdict=_verdict(found),
-        varied=[_varied(one) for one in found["vary"]],
-        lost=lost,
-        leading=[(one["name"], _leading(one)) for one in found["answers"] if one["shares"] and one["leading"]],
+        verdict=study_words.verdict(found),
+        told=study_words.answers(found),
         tiles=_tiles(found),
         trade=_trade(found, columns),
         blame=_blame(found, columns),
         sensitivities=[p for one in found["sensitivity"] if (p := sensitivity_plate(one, found))],
         front=front_plate(found, columns),
         required=_required(found),
-        together=_together(found),
+        together=study_words.together(found),
         averaging=_averaging(found),
         seen=_seen(found),
         population=_population(found, columns),
         answers=_answer_table(found),
         table=_download(found, columns),
     )
-
-
-def _verdict(found: Item) -> Cell:
-    """The answer in one sentence."""
-    find = found["find"]
-    if find is None and found.get("population"):
-        return population_words(found["population"])
-    if find is None:
-        return _required_words(found) or _plain_words(found)
-    if not find["found"]:
-        return Markup("No point keeps every condition: {}.").format(find["reason"])
-    units = {one["name"]: _page_unit(one["unit"]) for one in (*found["vary"], *found["answers"])}
-    values = [
-        Markup("{} {}").format(name, quantity(value, units.get(name, ""), 4) if _is_number(value) else value)
-        for name, value in find["values"].items()
-    ]
-    least = "least" if find["direction"] == "minimise" else "largest"
-    which = "that keeps every condition" if find["where"] else "of all points"
-    return Markup("The {} {} {}: {}.").format(least, find["objective"], which, join(values))
-
-
-def _plain_words(found: Item) -> Cell:
-    """What a study that looks for nothing says first: what moves an answer most, or between what it lies."""
-    moved = next((one for one in found["sensitivity"] if one["indices"]), None)
-    if moved is not None:
-        most = max(moved["indices"], key=lambda row: row["total"])
-        return Markup("{} moves {} most: {} of its variance, with all interactions.").format(
-            most["name"], moved["answer"], quantity(most["total"], "", 2)
-        )
-    answer = next((one for one in found["answers"] if not one["shares"] and one["n"]), None)
-    if answer is None:
-        return Markup("{}.").format(count(found["n_points"], "point"))
-    low, high = (quantity(answer[key], _page_unit(answer["unit"]), 4) for key in ("least", "largest"))
-    return Markup("{}: {} to {} at {}.").format(answer["name"], low, high, count(answer["n"], "point"))
-
-
-def _required_words(found: Item) -> Cell | None:
-    """What would do by itself, in a sentence."""
-    wanted = found["require"]
-    if wanted is None:
-        return None
-    each = [
-        Markup("{} {}").format(one["name"], quantity(one["needed"], _page_unit(one["unit"]), 4))
-        for one in wanted["each"]
-        if one["needed"] is not None
-    ]
-    if not each:
-        return Markup("{} {}: none of these things decides it by itself.").format(wanted["answer"], wanted["wanted"])
-    return Markup("{} {}, by one of these alone: {}.").format(wanted["answer"], wanted["wanted"], join(each, "or"))
-
-
-def _page_unit(unit: str) -> str:
-    """A unit as the page's ladder of units knows it."""
-    return unit.replace("m/s", "m_s")
-
-
-def _leading(one: Item) -> Cell:
-    """Which source leads at how many points."""
-    ranked = sorted(one["leading"].items(), key=lambda item: -item[1])
-    return Markup("largest share: {}").format(join(f"{name} at {points}" for name, points in ranked))
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
-
-
-def _varied(one: Item) -> Cell:
-    if one["numeric"]:
-        ends = Markup("{:.4g} to {:.4g}").format(one["least"], one["largest"])
-        return Markup("<b>{}</b> ({}): {} {}, {}").format(
-            one["name"], join(one["set"]), ends, one["unit"], count(one["n_values"], "value")
-        )
-    if not one["set"]:
-        return Markup("<b>{}</b>: {}").format(one["name"], f"{one['n_values']:,}")
-    return Markup("<b>{}</b> ({}): {}").format(one["name"], join(one["set"]), join(str(v) for v in one["values"] or []))
 
 
 def _tiles(found: Item) -> list[tuple[str, Cell]]:
@@ -197,11 +122,11 @@ def _required(found: Item) -> Table | None:
     wanted = found["require"]
     if wanted is None:
         return None
-    unit = _page_unit(next(one["unit"] for one in found["answers"] if one["name"] == wanted["answer"]))
+    unit = page_unit(next(one["unit"] for one in found["answers"] if one["name"] == wanted["answer"]))
     rows: list[tuple[Cell, ...]] = [
         (
-            one["name"], quantity(one["now"], _page_unit(one["unit"]), 4),
-            quantity(one["needed"], _page_unit(one["unit"]), 4) if one["needed"] is not None else DASH,
+            one["name"], quantity(one["now"], page_unit(one["unit"]), 4),
+            quantity(one["needed"], page_unit(one["unit"]), 4) if one["needed"] is not None else DASH,
             one["verdict"], _end(one["floor"], unit), _knee(one, "no_better_below"), _end(one["without"], unit),
             _knee(one, "no_worse_above"),
         )
@@ -220,7 +145,7 @@ def _required(found: Item) -> Table | None:
 def _knee(one: Item, key: str) -> Cell:
     """Where a thing stops to matter; a dash where it never does."""
     value = one.get(key)
-    return DASH if value is None else quantity(value, _page_unit(one["unit"]), 3)
+    return DASH if value is None else quantity(value, page_unit(one["unit"]), 3)
 
 
 def _averaging(found: Item) -> tuple[Cell, Table] | None:
@@ -228,7 +153,7 @@ def _averaging(found: Item) -> tuple[Cell, Table] | None:
     told = (found["require"] or {}).get("averaging")
     if not told:
         return None
-    unit = _page_unit(next(one["unit"] for one in found["answers"] if one["name"] == found["require"]["answer"]))
+    unit = page_unit(next(one["unit"] for one in found["answers"] if one["name"] == found["require"]["answer"]))
     said = []
     if told["n_needed"] is not None:
         said.append(
@@ -259,19 +184,6 @@ def _end(value: float | None, unit: str) -> Cell:
     return DASH if value is None else quantity(value, unit, 4)
 
 
-def _together(found: Item) -> Cell | None:
-    """All together at least cost, in a sentence."""
-    wanted = found["require"]
-    if wanted is None or not wanted["together"]:
-        return None
-    units = {one["name"]: _page_unit(one["unit"]) for one in wanted["each"]}
-    values = wanted["together"]["values"].items()
-    return Markup("Together at least cost: {}; cost {}, where all equally many times better cost {}.").format(
-        join(Markup("{} {}").format(name, quantity(value, units[name], 4)) for name, value in values),
-        quantity(wanted["together"]["cost"], "", 4), quantity(wanted["together"]["cost_equally"], "", 4),
-    )  # fmt: skip
-
-
 def _seen(found: Item) -> Table | None:
     """How many objects of a catalogue are seen at all."""
     if not found["seen"]:
@@ -280,7 +192,7 @@ def _seen(found: Item) -> Table | None:
     rows: list[tuple[Cell, ...]] = []
     for one in found["seen"]:
         low, high = one["interval_95"]
-        where = [f"{value:.4g}" if _is_number(value) else str(value) for value in one["where"].values()]
+        where = [f"{value:.4g}" if is_number(value) else str(value) for value in one["where"].values()]
         share = Markup("{} ({} to {})").format(percent(one["share"]), percent(low), percent(high))
         rows.append((*(where or ["all"]), f"{one['n_seen']} of {one['n']}", share))
     head: tuple[Cell, ...] = (*(names or ["objects"]), "seen at all", "share, 95 % interval")
@@ -304,7 +216,7 @@ def _population(found: Item, columns: Columns) -> Mapping[str, Any] | None:
 def _answer_table(found: Item) -> Table:
     """Every answer in numbers."""
     rows: list[tuple[Cell, ...]] = [
-        (one["name"], one["of"], *(quantity(one[key], _page_unit(one["unit"]), 4) for key in KEYS))
+        (one["name"], one["of"], *(quantity(one[key], page_unit(one["unit"]), 4) for key in KEYS))
         if one["n"]
         else (one["name"], one["of"], "none", "none", "none")
         for one in found["answers"]

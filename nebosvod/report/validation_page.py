@@ -42,6 +42,7 @@ def make_validation_report(found: Item) -> str:
         found=found,
         tone="good" if found["passed"] else "bad",
         tiles=_tiles(found, claims),
+        headline=_headline(found),
         answers=_answers(found, claims),
         quantiles=_quantile_plate(claims),
         sigmas=[p for p in (_sigma_plate(*one) for one in claims) if p is not None],
@@ -75,14 +76,45 @@ def _tiles(found: Item, claims: Sequence[tuple[str, str, Item]]) -> list[tuple[s
     return tiles
 
 
+def _headline(found: Item) -> str:
+    """The verdict: whether it passed, and what fails first."""
+    return f"{found['verdict'][:1].upper()}{found['verdict'][1:]}."
+
+
 def _answers(found: Item, claims: Sequence[tuple[str, str, Item]]) -> list[tuple[str, list[Cell]]]:
-    """Sentences made from numbers."""
-    judged = [Markup("<b>{}</b>: {}.").format(title_of(name, kind), one["verdict"]) for name, kind, one in claims]
-    failed = [Markup("<b>{}</b>: {}.").format(e["name"], e["reason"]) for e in found["estimators"] if e["reason"]]
-    made = Markup("{} runs, seed {}: {}. All tests of one verdict together err with {}{}% at the most.").format(
-        found["n_runs"], found["seed"], found["method"], number(100 * found["family_level"], 1), NBSP
+    """Sentences made from numbers: how far sigmas are off, whether to believe that, what would help."""
+    judged: list[Cell] = [
+        Markup("<b>{}</b>: {}.").format(title_of(name, kind), one["verdict"]) for name, kind, one in claims
+    ]
+    failed: list[Cell] = [
+        Markup("<b>{}</b>: {}.").format(e["name"], e["reason"]) for e in found["estimators"] if e["reason"]
+    ]
+    wrong = [one for one in claims if not one[2]["consistent"]]
+    first: list[Cell] = []
+    if claims:
+        right = [title_of(name, kind) for name, kind, one in claims if one["consistent"]]
+        said = [f"sigmas right by {join(right)}"] if right else []
+        said += [f"wrong by {join(title_of(name, kind) for name, kind, _ in wrong)}"] if wrong else []
+        text = "; ".join(said)
+        first = [f"{text[:1].upper()}{text[1:]}."]
+    family = number(100 * found["family_level"], 1)
+    tested = Markup("{} runs, seed {}; all tests of one verdict together err with {}{}% at the most.").format(
+        found["n_runs"], found["seed"], family, NBSP
     )
-    answers: list[tuple[str, list[Cell]]] = [("Verdict", [*judged, *failed]), ("How it was tested", [made])]
+    answers: list[tuple[str, list[Cell]]] = [("How accurate", [*first, *judged])]
+    left_out = {e["name"]: e["left_out"] for e in found["estimators"] if e.get("left_out")}
+    if left_out:
+        parts = [Markup("{} leaves out {}").format(name, join(groups)) for name, groups in left_out.items()]
+        answers.append(("Because of what", [Markup("{}.").format(Markup("; ").join(parts))]))
+    answers.append(("Can it be believed", [tested, f"{found['method'][:1].upper()}{found['method'][1:]}."]))
+    if failed:
+        answers.append(("What has no answer" if not claims else "What fails", failed))
+    if claims:
+        worst = max(one["resolution_percent"] for _, _, one in claims)
+        more = Markup(
+            "An error of sigma of {}{}% is seen by every second such campaign; four times the runs halve that."
+        )
+        answers.append(("What would help", [more.format(number(worst, 2), NBSP)]))
     out = {e["name"]: e["n_failed"] for e in found["estimators"] if e["n_failed"]}
     if out:
         text = join(f"{name}: {n} of {found['n_runs']}" for name, n in out.items())

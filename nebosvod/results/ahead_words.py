@@ -3,6 +3,8 @@
 from collections.abc import Mapping
 from typing import Any
 
+from nebosvod.impacts.chance import chance_words
+
 CALLED = {"earth": "the Earth", "moon": "the Moon", "sun": "the Sun"}
 
 
@@ -25,7 +27,7 @@ def _in_reach(row: Mapping[str, Any]) -> str:
     """An impact within some sigmas."""
     body, when = CALLED.get(row["body"], row["body"]), row["epoch_utc"][:16].replace("T", " ")
     chance = row["impact_probability_linear"]
-    told = "" if chance is None else f"; linear probability {chance:.3g}"
+    told = "" if chance is None else f"; linear probability {chance_words(chance)}"
     if row["sigmas"] == 0.0:
         return f"the orbit hits {body} on {when} UTC{told}"
     return f"an impact on {body} on {when} UTC is within reach of {row['sigmas']:.2g} sigma{told}"

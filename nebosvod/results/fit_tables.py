@@ -136,6 +136,7 @@ def all_arrays(found: Answer) -> Arrays:
         "H": general.seen.H,
         "H_z": general.seen.H_z,
         "distance_km": general.seen.distance_km,
+        **_places(found),
     }
     estimate = general.fit.estimate
     if estimate.solution is not None:
@@ -143,6 +144,18 @@ def all_arrays(found: Answer) -> Arrays:
         arrays |= orbit_arrays(general.scene.mission, estimate, "fit")
         arrays |= response_arrays(general.scene.mission, general.fit, "fit")
     return arrays
+
+
+def _places(found: Answer) -> Arrays:
+    """Heliocentric ICRF places of the object at emission, and of telescope and Earth at reception, km."""
+    scene, seen = found.fit.general.scene, found.fit.general.seen
+    sun = scene.ephemeris.position_km("sun", seen.epoch, seen.t_s)
+    sent = scene.ephemeris.position_km("sun", seen.epoch, seen.t_s - seen.light_time_s)
+    return {
+        "object_position_km": seen.target_state[:, :3] - sent,
+        "telescope_position_km": seen.telescope_state[:, :3] - sun,
+        "earth_position_km": scene.ephemeris.position_km("earth", seen.epoch, seen.t_s) - sun,
+    }
 
 
 def _rows(rows: Sequence[Mapping[str, Any]], description: str) -> Table:

@@ -6,6 +6,7 @@ Rows of `predictions` -> rows of `impacts` and sentences, the same for runs and 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
+from nebosvod.impacts.chance import chance_words
 from nebosvod.results.ahead_words import CALLED
 from nebosvod.timescale import SECONDS_PER_DAY, Epoch
 
@@ -106,10 +107,3 @@ def duration_words(seconds: float) -> str:
         if seconds >= 2.0 * size:
             return f"{seconds / size:.2g} {unit}"
     return f"{seconds:.2g} s"
-
-
-def chance_words(value: float) -> str:
-    """A probability with three digits; near one as what is missing to it."""
-    if value > 0.9995:
-        return "1" if value > 1.0 - 1e-9 else f"1 - {1.0 - value:.1g}"
-    return f"{value:.3g}" if value >= 1e-12 else "< 1e-12"

@@ -4,7 +4,9 @@ from typing import Any
 
 from nebosvod.findings.what_if import WhatIf
 from nebosvod.mission import Mission
-from nebosvod.mission.uncertainty import Bias, Position, Timing
+from nebosvod.mission.bias import Bias
+from nebosvod.mission.position import Position
+from nebosvod.mission.uncertainty import Timing
 from nebosvod.units import ARCSEC
 
 UNITS = {"radius_m": "m", "mass_kg": "kg", "density_kg_m3": "kg/m^3", "albedo": "", "thermal_emission": ""}

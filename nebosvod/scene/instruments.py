@@ -18,9 +18,11 @@ from nebosvod.errors import InputError
 from nebosvod.mission import Mission, Question, Source
 from nebosvod.mission import Telescope as TelescopeBlock
 from nebosvod.mission import spacecraft as said
+from nebosvod.mission.bias import Bias
 from nebosvod.mission.covariance import checked
+from nebosvod.mission.position import Position
 from nebosvod.mission.reading.places import asking
-from nebosvod.mission.uncertainty import Bias, Photocentre, PlateScale, Position, ProcessNoise, Timing
+from nebosvod.mission.uncertainty import Photocentre, PlateScale, ProcessNoise, Timing
 from nebosvod.observation import (
     ArcBias,
     BiasDrift,

@@ -45,7 +45,10 @@ def read_orbit(path: str | Path) -> UncertainOrbit:
     if orbit is not None:
         return _cautioned(orbit)
     if file.suffix.lower() not in MISSION_NAMES:
-        raise InputError(f"{shown(str(path))}: holds no orbit that is read; an orbit is {KNOWN}, or a mission (.yaml)")
+        raise InputError(
+            f"{shown(str(path))}: holds no orbit that is read; an orbit is {KNOWN}, or a mission (.yaml); "
+            "observations are fitted first: nebosvod fit"
+        )
     return mission_orbit(load_mission(file))
 
 

@@ -11,6 +11,7 @@ from markupsafe import Markup
 
 from nebosvod.dynamics.surface import SURFACE_KM
 from nebosvod.findings.prediction import Answered
+from nebosvod.impacts.chance import chance_words
 from nebosvod.mission import FitMission, Mission
 from nebosvod.observation import Visibility
 from nebosvod.report.kit import facts, wording
@@ -18,7 +19,7 @@ from nebosvod.report.kit.chart import NARROW
 from nebosvod.report.kit.target import TargetView, target_chart
 from nebosvod.report.run.visibility import COLOURS
 from nebosvod.results import prediction_rows
-from nebosvod.results.outlook import chance_words, event_words
+from nebosvod.results.outlook import event_words
 from nebosvod.scene.material import looked_at
 from nebosvod.scene.scene import PlannedScene, load_ephemeris
 from nebosvod.scene.sharing import Shared

@@ -15,6 +15,7 @@ from nebosvod.mission.fit import FitMission
 from nebosvod.mission.found import FileOrbit, parameter_of
 from nebosvod.mission.model import Mission
 from nebosvod.mission.orbit import SbdbOrbit
+from nebosvod.mission.position import Position
 from nebosvod.mission.question import Question
 from nebosvod.mission.request import (
     FROM_A_PRIOR,
@@ -27,7 +28,7 @@ from nebosvod.mission.request import (
     SkyPrediction,
 )
 from nebosvod.mission.spacecraft import GEOCENTRES, Ground, underground
-from nebosvod.mission.uncertainty import EXAMPLES, GROUPS, Position
+from nebosvod.mission.uncertainty import EXAMPLES, GROUPS
 from nebosvod.mission.yaml.yamlfile import shown
 from nebosvod.timescale import Epoch
 

@@ -21,6 +21,8 @@ class Visit(Typed):
     ----------
     epoch : TDB.
     quantiles : of the probability after this visit, by level.
+    bound : below which (95 %) a quantile of 0 lies: of these no orbit that agrees with the visit hits; None where
+        there are none.
     effective_median : orbits that agree with a simulated visit, median over truths.
     redrawn : part of the truths for which orbits were drawn anew.
     telescope, chance_below, chance_above : what the name says.
@@ -29,6 +31,7 @@ class Visit(Typed):
     telescope: str
     epoch: Time
     quantiles: Mapping[str, float]
+    bound: float | None
     chance_below: float
     chance_above: float
     effective_median: float

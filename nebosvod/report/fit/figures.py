@@ -12,7 +12,7 @@ from nebosvod.report.kit.download import csv
 from nebosvod.report.kit.edge import at_edge
 from nebosvod.report.kit.plate import BLUE, GREY, INK, VERMILION, Plate, thin
 from nebosvod.report.kit.scale import calendar, linear, named
-from nebosvod.report.kit.wording import NBSP, count, number, quantity, signed
+from nebosvod.report.kit.wording import MINUS, NBSP, count, number, quantity, signed
 from nebosvod.results.folder import Array, Item, RunFolder
 from nebosvod.timescale import SECONDS_PER_DAY
 from nebosvod.units import ARCSEC
@@ -42,7 +42,7 @@ def _reach(v: Array, chosen: Flags) -> float:
 def _over_time(run: RunFolder, v: Array, t: Array, chosen: Flags) -> Plate:
     """RA* above, Dec below; rejected ones in red, those off the axis as arrowheads with their value."""
     reach, dates = _reach(v, chosen), calendar(run.epoch, t)
-    chart = Chart("residuals", height=330.0)
+    chart = Chart("residuals-by-time", height=330.0)
     days = t / SECONDS_PER_DAY
     for row, part in enumerate(("RA cos Dec", "Dec")):
         y = linear([-reach, reach], "arcsec", pad=0.0, most=5)
@@ -164,13 +164,20 @@ def correlation_plate(elements: Item) -> Plate:
                 left + side * j, top + side * i, side - 1.5, side - 1.5,
                 fill=VERMILION if r[i, j] < 0 else BLUE, fill_opacity=round(0.04 + 0.66 * abs(float(r[i, j])), 3),
             )  # fmt: skip
-            chart.text(left + side * j + side / 2, top + side * i + side / 2 + 3.6, f"{r[i, j]:+.2f}", anchor="middle")
+            x, y = left + side * j + side / 2, top + side * i + side / 2 + 3.6
+            chart.text(x, y, _correlation(float(r[i, j])), anchor="middle")
     off = np.abs(r - np.eye(6))
     first, second = divmod(int(off.argmax()), 6)
     caption = Markup("Correlations of the elements (blue +, red −). The strongest: {} with {}, {}.").format(
         labels[first], labels[second], number(float(r[first, second]), 6).replace(" ", NBSP)
     )
     return chart.plate("Correlations of the elements", caption)
+
+
+def _correlation(r: float) -> str:
+    """`+0.98`, `−1.00`, `0.00` without a sign."""
+    text = f"{r:+.2f}"
+    return text[1:] if text in ("+0.00", "-0.00") else text.replace("-", MINUS)
 
 
 def _index(run: RunFolder) -> list[int]:

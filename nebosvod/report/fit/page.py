@@ -6,15 +6,16 @@ from markupsafe import Markup
 
 from nebosvod.report.fit import figures as fit_figures
 from nebosvod.report.fit import tables as fit_tables
+from nebosvod.report.fit import words as fit_words
 from nebosvod.report.kit.base import render
-from nebosvod.report.kit.facts import grouped
 from nebosvod.report.kit.stamp import stamp
-from nebosvod.report.kit.wording import count, join, moment, number, quantity
+from nebosvod.report.kit.wording import moment, number, quantity
 from nebosvod.report.run.diagnosis import bias_table, residual_table, sentences
 from nebosvod.report.run.ellipses import ellipse_plate
 from nebosvod.report.run.encounters import encounter_plates
+from nebosvod.report.run.geometry import geometry_plate
 from nebosvod.report.run.tables import Cell, prediction_table
-from nebosvod.report.run.trust import doubtful, nonlinearity_sentence, nonlinearity_table
+from nebosvod.report.run.trust import doubtful, nonlinearity_table
 from nebosvod.results.ahead_words import ahead_sentences
 from nebosvod.results.alert_words import headline as first_hour_words
 from nebosvod.results.folder import Item, RunFolder, read_folder
@@ -34,6 +35,7 @@ def make_fit_report(folder: Path) -> str:
     found = [] if orbit is None or orbit["elements"] is None else [fit_figures.correlation_plate(orbit["elements"])]
     station = fit_figures.station_plate(list(fit["stations"]))
     reference = summary["reference_orbit"]
+    tone = _tone(run, fit)
     planes, maps = ([], []) if orbit is None else encounter_plates(run, run.estimators[0])
     return render(
         "fit.html",
@@ -44,11 +46,12 @@ def make_fit_report(folder: Path) -> str:
         fit=fit,
         orbit=orbit,
         headline=_headline(fit, orbit),
-        tone=_tone(run, fit),
+        tone=tone,
         tiles=_tiles(run, fit, orbit),
-        answers=_answers(run, fit),
+        answers=_answers(run, fit, tone),
         warnings=[text for text in summary["warnings"] if "linear ellipse of" not in text],  # said among the answers
         plates={
+            "geometry": [] if orbit is None or (drawn := geometry_plate(run)) is None else [drawn],
             "residuals": fit_figures.residual_plates(run),
             "stations": [] if station is None else [station],
             "correlation": found,
@@ -79,7 +82,10 @@ def _tone(run: RunFolder, fit: Item) -> str:
     """Green where the orbit and every ellipse can be used as they stand, amber with a caution, red without an orbit."""
     if fit["status"] != "converged":
         return "bad"
-    return "caution" if fit["cautions"] or run.unanswered or doubtful(run, run.estimators[0]) else "good"
+    found = fit_words.agreement_of(fit)
+    sound = found is None or found.usable
+    careful = fit["cautions"] or run.unanswered or doubtful(run, run.estimators[0])
+    return "caution" if careful or not sound else "good"
 
 
 def doubt(prediction: Item) -> Markup | None:
@@ -121,66 +127,23 @@ def _tiles(run: RunFolder, fit: Item, orbit: Item | None) -> list[tuple[str, Cel
     return tiles
 
 
-def _rejected(n: int) -> str:
-    """How many observations were rejected."""
-    return f"{count(n, 'observation')} {'was rejected,' if n == 1 else 'were rejected, each'} with its chi below."
-
-
-def _largest(budget: list[Item], n: int) -> str:
-    """Which single sources weigh most, where the kind named first has several."""
-    if n == 1:
-        return ""
-    few = [row for row in sorted(budget, key=lambda row: -row["share_position"]) if row["share_position"] >= 0.01][:3]
-    named = join(f"{row['source']} {100.0 * row['share_position']:.0f} %" for row in few)
-    return f"; the largest: {named}" if few else ""
-
-
-def _of_stations(kind: str, n: int) -> str:
-    """`bias (60 stations)`."""
-    return f"{kind} ({count(n, 'station')})"
-
-
-def _answers(run: RunFolder, fit: Item) -> list[tuple[str, list[Cell]]]:
-    """Sentences made from numbers: how it ended, how well it agrees, what is to blame."""
+def _answers(run: RunFolder, fit: Item, tone: str) -> list[tuple[str, list[Cell]]]:
+    """Sentences made from numbers: how accurate, because of what, whether to believe it, what would help."""
     said: list[tuple[str, list[Cell]]] = [("Impact", [*run.impacts])] if run.impacts else []
-    said.append(("How it ended", [fit["message"], f"The orbit started from {fit['start']}."]))
+    if run.unanswered:
+        said.append(("What has no answer", [*run.unanswered]))
     if run.summary.get("first_hour") is not None:
         told = run.summary["first_hour"]
         said.append(("What is known all the same", [f"{first_hour_words(told)}.", f"Of the range: {told['message']}."]))
+    if run.summary["orbit"] is not None:
+        said.append(("How accurate", fit_words.accuracy(run)))
+    if run.summary["budget"]:
+        said.append(("Because of what", fit_words.contributions(run)))
+    said.append(("Can it be believed", fit_words.belief(run, fit, tone)))
+    if helps := fit_words.remedies(run):
+        said.append(("What would help", helps))
     if run.summary.get("ahead") is not None:
         said.append(("What comes", [f"{text[0].upper()}{text[1:]}." for text in ahead_sentences(run.summary["ahead"])]))
-    if run.unanswered:
-        said.append(("What has no answer", [*run.unanswered]))
-    reduced = fit["reduced_chi2"]
-    agree: list[Cell] = [
-        Markup("chi² {} for {}").format(number(fit["chi2"], 4), count(fit["dof"], "degree") + " of freedom")
-        + ("." if reduced is None else f", {reduced:.2f} for each.")
-    ]
-    if reduced is not None and reduced < 0.6:
-        agree.append(
-            "The observations scatter less than their weights allow for. That alone does not make the sigmas careful: "
-            "what a station has in common in all its observations does not show in it. Look at the means by station."
-        )
-    if reduced is not None and reduced > 1.5:
-        agree.append("The observations scatter more than their weights say: the sigmas below are too small.")
-    if fit["n_rejected"]:
-        agree.append(_rejected(int(fit["n_rejected"])))
-    said.append(("How well the observations agree", agree))
-    budget = run.summary["budget"]
-    if budget:
-        kinds = grouped([(row["source"], row["share_position"]) for row in budget], run.telescopes)
-        text = join(
-            f"{kind if n == 1 else _of_stations(kind, n)} {100.0 * share:.0f} %" for kind, share, n in kinds[:3]
-        )
-        said.append(
-            (
-                "What is to blame for the position sigma",
-                [Markup("{} of its variance{}.").format(text, _largest(budget, kinds[0][2]))],
-            )
-        )
-    bent = nonlinearity_sentence(run, run.estimators[0]) if run.predictions() else None
-    if bent is not None:
-        said.append(("Can the ellipses be believed", [bent]))
     reference = run.summary["reference_orbit"]
     if reference is not None:
         said.append((f"Against {reference['name']}", [

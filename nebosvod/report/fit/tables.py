@@ -6,7 +6,7 @@ import re
 from markupsafe import Markup
 
 from nebosvod.errors import counted
-from nebosvod.report.kit.wording import DASH, percent, quantity
+from nebosvod.report.kit.wording import DASH, number, percent, quantity
 from nebosvod.report.run.tables import Cell, Table
 from nebosvod.results.condensed import condensed, foremost, without
 from nebosvod.results.folder import Item
@@ -28,7 +28,7 @@ def digits(value: float, sigma: float) -> tuple[str, str]:
     places = 0
     while places < 14 and 0.0 < sigma * 10.0**places < 10.0:
         places += 1
-    return f"{value:.{places}f}".replace("-", "−"), f"{sigma:.2g}"
+    return f"{value:.{places}f}".replace("-", "−"), number(sigma, 2)
 
 
 def elements(orbit: Item) -> Table | None:

@@ -12,8 +12,9 @@ from typing import Any
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
-from nebosvod.report.kit import wording
+from nebosvod.report.kit import short, wording
 from nebosvod.report.kit.gathered import gather_words
+from nebosvod.report.kit.typography import Verbatim, typeset
 from nebosvod.version import __version__
 
 HERE = Path(__file__).parent.parent
@@ -47,9 +48,9 @@ def render(template: str, *, stamp: Sequence[str] = (), scripts: Sequence[str] =
         stamp=made,
         running=_css_text(f"{words['title']} · {words['kind']}"),
         running_stamp=_css_text(" · ".join(made)),
-        css=Markup((HERE / "style.css").read_text(encoding="utf-8")),
-        script=Markup(script),
-        policy=f"default-src 'none'; style-src 'unsafe-inline'; img-src data:; script-src 'sha256-{digest}'",
+        css=Verbatim((HERE / "style.css").read_text(encoding="utf-8")),
+        script=Verbatim(script),
+        policy=Verbatim(f"default-src 'none'; style-src 'unsafe-inline'; img-src data:; script-src 'sha256-{digest}'"),
         **words,
     )  # fmt: skip
     return _numbered(page)
@@ -77,7 +78,7 @@ def _environment() -> Environment:
     """Templates of this folder; everything is escaped, and a name that nobody gave is an error."""
     made = Environment(
         loader=FileSystemLoader(HERE), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True,
-        keep_trailing_newline=True,
+        keep_trailing_newline=True, finalize=typeset,
     )  # fmt: skip
-    made.globals["wording"] = wording  # macros see it too
+    made.globals |= {"wording": wording, "short": short}  # macros see them too
     return made

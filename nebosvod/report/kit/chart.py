@@ -31,6 +31,8 @@ from nebosvod.report.kit.gathered import gather_plate
 from nebosvod.report.kit.hatch import plain
 from nebosvod.report.kit.plate import GREY, INK, Plate
 from nebosvod.report.kit.scale import TICK_CHARACTER, Scale
+from nebosvod.report.kit.short import width_px
+from nebosvod.report.kit.typography import words
 
 Array = npt.NDArray[np.float64]
 WIDTH = 440.0  # of a figure beside its caption; on a phone it keeps a size that can be read, and scrolls
@@ -49,6 +51,7 @@ MARKERS: Mapping[str, tuple[str, float]] = {  # shape, and its size in px for ma
 # many small dots are lines hardly longer than their caps: half as heavy, and they keep their size when enlarged; not
 # quite without length, since a square cap of a line without direction is left out by PDF readers (Poppler)
 CAPS = {"o": "round", "s": "projecting"}
+NAME_GAP, NAME_LEAST = 5.0, 9.0  # px between the name of an axis and its ticks, and from the edge of a figure
 DASH = 0.02  # px
 LINE_NAMES = {"stroke": "color", "stroke_width": "linewidth", "opacity": "alpha"}
 AREA_NAMES = {"stroke": "edgecolor", "stroke_width": "linewidth", "opacity": "alpha"}
@@ -69,7 +72,7 @@ class Chart:
 
     def text(self, x: float, y: float, text: str, anchor: str = "start", turned: bool = False, **more: Any) -> None:
         """Add text with its base line at y; `anchor` is start, middle or end of it."""
-        self.parts.append(Words(x, y, text, anchor, turned, more))
+        self.parts.append(Words(x, y, words(text), anchor, turned, more))
 
     def stroke(self, x: Any, y: Any, look: Mapping[str, Any], **more: Any) -> None:
         """Add a line or markers at pixels."""
@@ -158,7 +161,7 @@ class Chart:
         body = [part if isinstance(part, str) else part.text(drawn) for part in self.parts]
         head = (
             f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {self.width:g} {self.height:g}" role="img" '
-            f'style="--w:{self.width:g}" aria-label="{escape(label)}">'
+            f'style="--w:{self.width:g};--h:{self.height:g}" aria-label="{escape(label)}">'
         )
         return Markup(head + "\n" + "\n".join(one for one in body if one) + "\n</svg>")
 
@@ -347,7 +350,9 @@ class Panel:
         if self.x.label and not self.x.silent:
             self.chart.text((self.left + self.right) / 2.0, self.bottom + 27.0, self.x.label, "middle")
         if self.y.label and not self.y.silent:
-            self.chart.text(self.name_at, (self.top + self.bottom) / 2.0, self.y.label, "middle", turned=True)
+            ticks = max((width_px(text, 10.5) for _, text in self.y.ticks), default=0.0)
+            at = max(min(self.name_at, self.left - 4.0 - ticks - NAME_GAP), NAME_LEAST)
+            self.chart.text(at, (self.top + self.bottom) / 2.0, self.y.label, "middle", turned=True)
         if title:
             self.chart.text(self.left, self.top - 5.0, title)
 

@@ -9,10 +9,13 @@ import numpy.typing as npt
 
 from nebosvod.report.kit.chart import Chart, Panel
 from nebosvod.report.kit.scale import linear
+from nebosvod.report.kit.short import width_px
 
 Array = npt.NDArray[np.float64]
 Entry = tuple[str, str, dict[str, Any]]
+Corners = tuple[float, float, float, float]  # left, top, right, bottom, px
 LOWEST = 46.0  # px of the view from the side
+TEXT_PX, GAP, ABOVE, BELOW = 10.5, 9.0, 9.5, 3.0  # of words: their size, how far from a mark, and about the base line
 TURN = np.radians(5.0)
 
 
@@ -134,22 +137,67 @@ def _fill(panel: Panel, things: Sequence[Thing], up: int) -> None:
             )
         else:
             _cone(panel, one, up)
-    for one in things:
-        if isinstance(one, Marks) and one.text and up == 1:
-            _beside(panel, one.points[-1], one.text)
+    if up == 1:
+        _labels(panel, things)
     panel.unclip()
     panel.close()
 
 
-def _beside(panel: Panel, point: Array, text: str) -> None:
-    """Words beside a point, on the side that has room; none where it lies outside."""
-    px, py = (float(v) for v in panel.at(point[0], point[1]))
-    if not (panel.left < px < panel.right and panel.top < py < panel.bottom):
-        return
-    leftwards = px > 0.5 * (panel.left + panel.right)
-    shift = -9.0 if leftwards else 9.0
-    below = py + 12.0 if py < panel.top + 14.0 else py - 5.0
-    panel.chart.text(px + shift, below, text, "end" if leftwards else "start", class_="halo")
+def _labels(panel: Panel, things: Sequence[Thing]) -> None:
+    """Words beside marks, each where it covers least: no mark, no other words, as little of a line as can be."""
+    told = [one for one in things if isinstance(one, Marks) and one.text]
+    spots = np.vstack([np.empty((0, 2)), *(_pixels(panel, one.points) for one in things if isinstance(one, Marks))])
+    paths = np.vstack([np.empty((0, 2)), *(_dense(_pixels(panel, one.points)) for one in things
+                                           if isinstance(one, Track))])  # fmt: skip
+    taken: list[Corners] = []
+    for one in told:
+        px, py = _pixels(panel, one.points[-1:])[0]
+        if not (panel.left < px < panel.right and panel.top < py < panel.bottom):
+            continue
+        wide = width_px(one.text, TEXT_PX)
+        others = spots[np.hypot(spots[:, 0] - px, spots[:, 1] - py) > 1.0]
+
+        boxes = [(x - 2.0, y - ABOVE, x + wide + 2.0, y + BELOW) for x, y in _places(px, py, wide)]
+        best = min(boxes, key=lambda box: _cost(panel, box, taken, others, paths))
+        taken.append(best)
+        panel.chart.text(best[0] + 2.0, best[3] - BELOW, one.text, class_="halo")
+
+
+def _cost(panel: Panel, box: Corners, taken: Sequence[Corners], others: Array, paths: Array) -> float:
+    """How much words in a box would cover, or stick out."""
+    outside = max(panel.left - box[0], box[2] - panel.right, panel.top - box[1], box[3] - panel.bottom, 0.0)
+    over = sum(box[0] < c[2] and c[0] < box[2] and box[1] < c[3] and c[1] < box[3] for c in taken)
+    return 1e4 * outside + 1e3 * over + 100.0 * _inside(others, box, 5.0) + _inside(paths, box, 1.0)
+
+
+def _places(px: float, py: float, wide: float) -> list[tuple[float, float]]:
+    """Where words may begin beside a point, the most usual first."""
+    right, left, middle = px + GAP, px - GAP - wide, px - 0.5 * wide
+    places = [(right, py - 5.0), (right, py + 12.0), (left, py - 5.0), (left, py + 12.0), (right, py + 3.6),
+              (left, py + 3.6), (middle, py - 11.0), (middle, py + 19.0)]  # fmt: skip
+    return places + [(x, y + shift) for shift in (-16.0, 16.0, -32.0, 32.0) for x, y in places[:4]]
+
+
+def _pixels(panel: Panel, points: Array) -> Array:
+    """Points (n, 3) in the view from above, px (n, 2); undefined ones are left out."""
+    found = np.stack(panel.at(points[:, 0], points[:, 1]), axis=1)
+    return found[np.isfinite(found).all(axis=1)]
+
+
+def _dense(path: Array) -> Array:
+    """A path (n, 2) with a point on every few px of it."""
+    if len(path) < 2:
+        return path
+    steps = np.hypot(*np.diff(path, axis=0).T)
+    parts = np.minimum(1 + (steps / 4.0).astype(int), 400)
+    return np.vstack([a + np.linspace(0.0, 1.0, n)[:, None] * (b - a) for a, b, n in zip(path, path[1:], parts)])
+
+
+def _inside(points: Array, box: Corners, room: float) -> int:
+    """How many points (n, 2) lie in a box, or so near to it."""
+    x, y = points.T
+    near = (x > box[0] - room) & (x < box[2] + room) & (y > box[1] - room) & (y < box[3] + room)
+    return int(np.count_nonzero(near))
 
 
 def _cone(panel: Panel, one: Cone, up: int) -> None:

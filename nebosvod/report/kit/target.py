@@ -17,8 +17,8 @@ from nebosvod.report.kit.download import Download, csv
 from nebosvod.report.kit.edge import at_edge, off_axes
 from nebosvod.report.kit.outline import ANGLES, outline
 from nebosvod.report.kit.plate import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, VERMILION, Plate, thin
-from nebosvod.report.kit.scale import Scale, linear
-from nebosvod.report.kit.wording import count, number
+from nebosvod.report.kit.scale import Scale, linear, round_step, tick_text
+from nebosvod.report.kit.wording import count
 from nebosvod.results.ahead_words import CALLED
 
 Array = npt.NDArray[np.float64]
@@ -193,8 +193,10 @@ def _beyond(panel: Panel, view: TargetView, factor: float) -> None:
     """The nominal orbit where it lies off the picture, and a few drawn orbits: at the edge, with their values."""
     unit = panel.x.label.rpartition(", ")[2]
 
+    fine = round_step(0.01 * (panel.x.high - panel.x.low))  # a part of the picture: four digits may not tell it
+
     def at(points: Array) -> list[str]:
-        return [f"{number(factor * x, 4)}, {number(factor * y, 4)} {unit}" for x, y in points]
+        return [f"{tick_text(factor * x, fine)}, {tick_text(factor * y, fine)} {unit}" for x, y in points]
 
     few = view.points[off_axes(panel, *(factor * view.points.T))] if len(view.points) else np.empty((0, 2))
     if 0 < len(few) <= FEW:

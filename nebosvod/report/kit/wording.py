@@ -150,7 +150,7 @@ def with_sigma(value: float, sigma: float, unit: str) -> Markup:
     return Markup('<span class="nowrap"><data value="{}" data-unit="{}">{}</data> ± <data value="{}" '
         'data-unit="{}">{}</data>{}</span>').format(
         repr(float(value)), unit, number(value * factor, matched_digits(value, sigma)),
-        repr(float(sigma)), unit, number(sigma * factor), NBSP + text,
+        repr(float(sigma)), unit, number(sigma * factor), "" if not text else text if text == "°" else NBSP + text,
     )  # fmt: skip
 
 

@@ -14,7 +14,7 @@ from nebosvod.report.risk import figures, tables
 from nebosvod.report.risk.draws import Arrays
 from nebosvod.report.risk.words import (
     Item,
-    agreement,
+    belief_words,
     blame_words,
     body_name,
     chance,
@@ -22,7 +22,7 @@ from nebosvod.report.risk.words import (
     headline,
     impactor_name,
     leading,
-    way_name,
+    nominal_words,
 )
 from nebosvod.report.run.tables import Cell, Table
 
@@ -92,28 +92,35 @@ def _tiles(summary: Item, first: list[Item]) -> list[tuple[str, Cell]]:
         tiles.append(("scales", f"Palermo {row['palermo']:.2f}{torino}".replace("-", "−")))
     if row["energy_mt"] is not None:
         tiles.append(("energy, by the magnitude", f"{number(row['energy_mt'])} Mt of TNT"))
+    else:
+        tiles.append(("size and energy", "not known: no magnitude"))
     return tiles
 
 
 def _answers(summary: Item, first: list[Item]) -> list[tuple[str, list[Cell]]]:
-    """Sentences: by which way, what is to blame, where, what else may happen."""
+    """Sentences: how near, because of what, whether to believe it, what would help, what else may happen."""
     said: list[tuple[str, list[Cell]]] = []
     if summary["ended"]:
         said.append(("How it ended", [_sentence(summary["ended"])]))
     if not first:
         drawn = summary["sampling"]
         told = f"None of {count(drawn['draws'], 'drawn orbit')} hits; they cannot see a probability below the bound."
-        return [*said, ("What that means", [told])]
+        return [*said, ("Can it be believed", [told])]
     row = first[0]
-    told_ways: list[Cell] = [Markup("Go by {}: {}.").format(way_name(row["recommended"]), row["reason"])]
-    if any(way["draws"] == 0 for way in agreement(row)[1]):
-        told_ways.append("What disagrees without drawing takes the region for straighter or smaller than it is.")
-    said.append(("Can it be believed", told_ways))
+    said.append(("How accurate", nominal_words(row)))
     blame = blame_words(row)
     if blame is not None:
-        said.append(("What is to blame", [Markup("{}.").format(_upper(blame)), halved_words(row)]))
+        said.append(("Because of what", [Markup("{}.").format(_upper(blame))]))
     elif row.get("no_budget"):
-        said.append(("What is to blame", [_sentence(row["no_budget"])]))
+        said.append(("Because of what", [_sentence(row["no_budget"])]))
+    said.append(("Can it be believed", belief_words(row)))
+    helps: list[Cell] = [halved_words(row)] if blame is not None else []
+    helps.append(
+        Markup("Which night may settle it: <code>nebosvod plan ORBIT --decide --until {}</code>.").format(
+            summary["until_utc"][:10]
+        )
+    )
+    said.append(("What would help", helps))
     others = [one for one in summary["virtual_impactors"] if one is not row]
     if others:
         parts = [Markup("{}: {}").format(impactor_name(one), chance(one)) for one in leading(others)[:3]]
@@ -121,7 +128,7 @@ def _answers(summary: Item, first: list[Item]) -> list[tuple[str, list[Cell]]]:
         said.append(("What else may be hit", [Markup("{}{}.").format(_upper(Markup("; ").join(parts)), more)]))
     total = summary.get("palermo_cumulative")
     if total is not None and len(summary["virtual_impactors"]) > 1:
-        said.append(("All together", [f"Cumulative Palermo scale {total:.2f}.".replace("-", "−")]))
+        said.append(("All together", [f"Cumulative Palermo scale {total:.2f}."]))
     return said
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from markupsafe import Markup
 
-from nebosvod.report.kit.wording import DASH, NBSP, moment, number, percent, product, quantity
+from nebosvod.report.kit.wording import DASH, MINUS, NBSP, moment, number, percent, product, quantity
 from nebosvod.report.risk.draws import Arrays, draws_of
 from nebosvod.report.risk.words import body_name, chance, way_name
 from nebosvod.report.run.tables import Cell, Table
@@ -16,13 +16,13 @@ from nebosvod.timescale import Epoch
 
 Item = Mapping[str, Any]
 QUANTILES = [
-    ("first", 0.0),
+    ("one end", 0.0),
     ("5 %", 0.05),
     ("25 %", 0.25),
-    ("median", 0.5),
+    ("middle", 0.5),
     ("75 %", 0.75),
     ("95 %", 0.95),
-    ("last", 1.0),
+    ("the other end", 1.0),
 ]
 
 
@@ -36,12 +36,11 @@ def impactor_table(rows: Sequence[Item]) -> Table | None:
         ("1σ", "r", lambda row: quantity(row["sigma_time_s"], "s")),
         ("probability, 95 %", "r", chance),
         ("by", "l", lambda row: way_name(row["recommended"])),
-        ("ν, sigmas", "r", lambda row: _plain(row.get("sigmas"))),
+        ("ν, sigmas", "r", lambda row: _signed(row.get("sigmas"))),
         ("stretching, km/σ", "r", lambda row: _plain(row.get("stretching_km"))),
         ("v∞", "r", lambda row: _speed(_incoming(row))),
         ("energy", "r", lambda row: DASH if row["energy_mt"] is None else f"{number(row['energy_mt'])} Mt"),
-        ("Palermo", "r", lambda row: DASH if row["palermo"] is None else f"{row['palermo']:.2f}".replace("-", "−")),
-        ("Torino", "r", lambda row: DASH if row["torino"] is None else str(row["torino"])),
+        ("Palermo, Torino", "r", _scales),
     ]
     used = [c for c in columns if any(c[2](row) != DASH for row in rows)]
     cells: list[tuple[Cell, ...]] = [tuple(make(row) for _, _, make in used) for row in rows]
@@ -53,6 +52,18 @@ def impactor_table(rows: Sequence[Item]) -> Table | None:
 
 def _plain(value: float | None) -> str:
     return DASH if value is None else number(value)
+
+
+def _signed(value: float | None) -> str:
+    """Sigmas with two decimals."""
+    return DASH if value is None else f"{value:.2f}".replace("-", "−")
+
+
+def _scales(row: Item) -> str:
+    """Palermo scale, and Torino where it is defined."""
+    if row["palermo"] is None:
+        return DASH
+    return f"{row['palermo']:.2f}".replace("-", MINUS) + ("" if row["torino"] is None else f", {row['torino']}")
 
 
 def _incoming(row: Item) -> float | None:
@@ -102,7 +113,7 @@ def budget_table(row: Item) -> Table | None:
         *(["d ln P/(1−P) / d ln σ"] if odds else []), "share along the line", "P if it were halved, estimate held",
     )  # fmt: skip
     few = "" if budget["enough"] else " Too few hits for elasticities to be more than a hint."
-    nu = "" if budget["sigmas"] is None else f" The hits lie {number(budget['sigmas'])} sigmas along the line."
+    nu = "" if budget["sigmas"] is None else f" The hits lie {_signed(budget['sigmas'])} sigmas along the line."
     moves = "; re-optimised the weights are solved anew, of the same records, and the estimate moves" if anew else ""
     caption = Markup(
         "What the probability of {} hangs on, by {} effective hits, with standard errors. The estimate and its weights "
@@ -150,7 +161,7 @@ def encounter_table(row: Item) -> Table | None:
 
 
 def corridor_table(row: Item, arrays: Arrays, epoch_tdb: str) -> Table | None:
-    """Places along the corridor of the Earth by time: the first, the last and those between."""
+    """Places along the corridor of the Earth from end to end, as the hits lie in the target plane."""
     if row["body"] != "earth":
         return None
     draws = draws_of(row["number"], arrays)
@@ -158,7 +169,7 @@ def corridor_table(row: Item, arrays: Arrays, epoch_tdb: str) -> Table | None:
     chosen = np.flatnonzero(hits & np.isfinite(t_s) & np.isfinite(draws["longitude_deg"]))
     if not len(chosen):
         return None
-    chosen = chosen[np.argsort(t_s[chosen], kind="stable")]
+    chosen = chosen[np.argsort(_along(np.asarray(draws["xi_zeta_km"])[chosen], t_s[chosen]), kind="stable")]
     start = Epoch.parse(epoch_tdb)
     digits = _digits(draws, chosen)
     passed = np.cumsum(np.asarray(draws["weights"])[chosen])
@@ -171,7 +182,16 @@ def corridor_table(row: Item, arrays: Arrays, epoch_tdb: str) -> Table | None:
             f"{draws['speed_km_s'][k]:.2f} km/s", f"{draws['elevation_deg'][k]:.1f}°",
         ))  # fmt: skip
     head = ("of the hits", "UTC", "place on the ground, geodetic", "speed", "below the horizon")
-    return Table(caption="The corridor by time of impact", head=head, align="lllrr", rows=tuple(cells))
+    return Table(caption="The corridor from end to end", head=head, align="lllrr", rows=tuple(cells))
+
+
+def _along(points: npt.NDArray[np.float64], t_s: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Places (n,) along the long direction of points (n, 2) of the target plane, rising with time; else times."""
+    if len(points) < 3 or not np.isfinite(points).all():
+        return t_s
+    centred = points - points.mean(axis=0)
+    along: npt.NDArray[np.float64] = centred @ np.linalg.svd(centred, full_matrices=False)[2][0]
+    return along if along @ (t_s - t_s.mean()) >= 0.0 else -along
 
 
 def level_table(row: Item) -> Table | None:

@@ -6,13 +6,15 @@ from typing import Any
 
 from markupsafe import Markup
 
+from nebosvod.impacts.chance import digits
 from nebosvod.impacts.ways import WORDS, Way, agree
-from nebosvod.report.kit import wording
+from nebosvod.report.kit import short, wording
 from nebosvod.report.kit.wording import NBSP, join, number, percent
 from nebosvod.results.ahead_words import CALLED
 
 Item = Mapping[str, Any]
 SHORT = {"linear": "linear", "sampling": "sampling"}  # in the headline
+NUMERALS = {2: "two", 3: "three", 4: "four"}
 RARE = 1e-3  # a probability below this is told as one in so many
 
 
@@ -35,7 +37,7 @@ def chance(row: Item, interval: bool = True) -> Markup:
         return Markup('below <data value="{}" data-unit="">{}</data> (95{}%)').format(repr(high), _plain(high), NBSP)
     spread = Markup("")
     if interval and high > low:
-        first, last = _pair(low, high)
+        first, last = _pair(p, low, high)
         spread = Markup(" ({} to {})").format(first, last)
     shown = Markup('<data value="{}" data-unit="">{}</data>').format(repr(p), _share(p, high - low))
     rare = f", one in {number(float(f'{1.0 / p:.1e}'), 2)}" if 0.0 < p < RARE else ""
@@ -53,20 +55,26 @@ def _share(p: float, width: float) -> str:
         return "next to nothing"  # of a formula: below the smallest number there is
     if p < RARE:
         return number(p, 2)
-    return f"{100.0 * p:.{_decimals(width)}f}{NBSP}%"
+    return f"{100.0 * p:.{_decimals(p, width)}f}{NBSP}%"
 
 
-def _pair(low: float, high: float) -> tuple[str, str]:
+def _pair(p: float, low: float, high: float) -> tuple[str, str]:
     """The ends of an interval, in the form of the probability between them."""
     if high < RARE:
         return number(low, 2), number(high, 2)
-    digits = _decimals(high - low)
-    return f"{100.0 * low:.{digits}f}", f"{100.0 * high:.{digits}f}"
+    n = _decimals(p, high - low)
+    return f"{100.0 * low:.{n}f}", f"{100.0 * high:.{n}f}"
 
 
-def _decimals(width: float) -> int:
-    """Decimals of a percentage with an interval of this width: half of it has then 2 to 20 units of the last one."""
-    return 1 if width <= 0.0 else min(max(0, math.ceil(-math.log10(25.0 * width))), 4)
+def _decimals(p: float, width: float) -> int:
+    """Decimals of a percentage with an interval of this width: half of it has then 2 to 20 units of the last one.
+
+    Two digits of a probability are told in any case; of one without an interval as many as anywhere.
+    """
+    first = 1 + math.floor(math.log10(100.0 * p))  # digits before the point
+    if width <= 0.0:
+        return max(digits(p) - first, 0)
+    return min(max(0, 2 - first, math.ceil(-math.log10(25.0 * width))), 4)
 
 
 def _plain(value: float) -> str:
@@ -139,6 +147,45 @@ def halved_words(row: Item) -> Markup:
     )
 
 
+def belief_words(row: Item) -> list[str | Markup]:
+    """Which way to go by, which others agree with it, and why that one."""
+    agreeing, apart = agreement(row)
+    best = way_name(row["recommended"])
+    others = [one for one in agreeing if one not in (best, SHORT.get(row["recommended"], best))]
+    head = "With caution" if apart else "Yes, as far as the covariance holds" if others else "By one way only"
+    parts: list[str | Markup] = [Markup("<b>{}</b>: go by {}").format(head, best)]
+    if others:
+        parts.append(Markup("{} {} with it").format(join(others), "agrees" if len(others) == 1 else "agree"))
+    parts += [Markup("{} says {} and misleads").format(way_name(way["way"]), chance(way, False)) for way in apart]
+    told: list[str | Markup] = [short.as_many(parts[0], parts[1:]), f"{row['reason'][:1].upper()}{row['reason'][1:]}."]
+    if any(way["draws"] == 0 for way in apart):
+        told.append("What disagrees without drawing takes the region for straighter or smaller than it is.")
+    return told
+
+
+def nominal_words(row: Item) -> list[str | Markup]:
+    """How near the estimate itself comes, with the ellipse about it; and where the hits lie in the uncertainty."""
+    near = row.get("approach") or {}
+    parts: list[str | Markup] = []
+    axes = [near[key] for key in ("semi_major_km", "semi_minor_km") if near.get(key) is not None]
+    if near.get("impact"):
+        parts.append("the nominal orbit hits")
+    elif near.get("distance_km") is not None:
+        parts.append(
+            Markup("the nominal orbit misses the centre by {}").format(wording.quantity(near["distance_km"], "km"))
+        )
+    if axes:
+        parts.append(Markup("target plane {} (1σ)").format(wording.product(axes, "km")))
+    parts.append(Markup("time ± {} (1σ)").format(wording.quantity(row["sigma_time_s"], "s")))
+    text = Markup("; ").join(parts)
+    told: list[str | Markup] = [text[:1].upper() + text[1:] + "."]
+    if row.get("sigmas") is not None:
+        told.append(
+            Markup("The nearest hit lies {} sigmas along the line of variations.").format(number(abs(row["sigmas"])))
+        )
+    return told
+
+
 def headline(summary: Item) -> Markup:
     """The answer in one sentence."""
     rows = summary["virtual_impactors"]
@@ -148,13 +195,27 @@ def headline(summary: Item) -> Markup:
             chance(summary["sampling"]),
         )  # fmt: skip
     worst = leading(rows)[0]
-    blame = blame_words(worst)
-    parts = [
-        Markup("{} on {} to hit {}").format(chance(worst), wording.date(worst["epoch_utc"]), body_name(worst["body"])),
-        agreement_words(worst),
-        *([] if blame is None else [blame]),
-    ]
-    return Markup("; ").join(parts)
+    what = Markup("{} on {} to hit {}").format(
+        chance(worst), wording.date(worst["epoch_utc"]), body_name(worst["body"])
+    )
+    blame, agreeing, brief = blame_words(worst), agreement_words(worst), brief_agreement(worst)
+    whom = [] if blame is None else [blame]
+    shorter = [one.replace(" of the spread that decides", "") for one in whom]
+    said = [[what, agreeing, *whom], [what, brief, *whom], [what, brief, *shorter], [what, agreeing], [what, brief]]
+    ways = (Markup("; ").join(one) for one in said)
+    return short.first_that_fits(*ways, wide_px=short.HEADLINE_PX, look=short.HEADLINE)
+
+
+def brief_agreement(row: Item) -> Markup:
+    """`four ways agree`, `line of variations misleads`."""
+    agreeing, apart = agreement(row)
+    if apart:
+        return Markup("{} {}").format(
+            join(way_name(way["way"]) for way in apart), "misleads" if len(apart) == 1 else "mislead"
+        )
+    return (
+        Markup("{} ways agree").format(NUMERALS[len(agreeing)]) if len(agreeing) in NUMERALS else agreement_words(row)
+    )
 
 
 def leading(rows: Sequence[Item]) -> list[Item]:

@@ -2,9 +2,11 @@
 
 from markupsafe import Markup
 
-from nebosvod.report.kit import wording
+from nebosvod.report.kit import short, wording
 from nebosvod.report.kit.facts import formal_ratio, grouped, leading, position_shares, size
+from nebosvod.report.kit.residual_words import brief_words
 from nebosvod.report.kit.wording import NBSP, count, join, number, percent, product, quantity
+from nebosvod.results.agreement import agreement
 from nebosvod.results.folder import Item, RunFolder
 from nebosvod.results.outlook import unit_of
 
@@ -33,9 +35,11 @@ def accuracy(run: RunFolder, main: Item) -> Markup:
     if drawn and ((first.get("nonlinearity") or {}).get("misleads") or first["monte_carlo"].get("misleads")):
         text += Markup(", which misleads: drawn orbits spread over {}").format(product(drawn, unit))
     others = [Markup("{} {}").format(p["name"], size(p)) for p in every[1:2]]
-    if len(every) > 2:
-        others.append(Markup(count(len(every) - 2, "further prediction")))
-    return Markup("{}; 1σ: {}.").format(text, Markup("; ").join([*others, orbit]))
+    further = [Markup(count(len(every) - 2, "further prediction"))] if len(every) > 2 else []
+    said = [[*others, *further, orbit], [*others, orbit], [orbit]]
+    return short.first_that_fits(
+        *(Markup("{}; 1σ: {}.").format(text, Markup("; ").join(one)) for one in said), text + "."
+    )
 
 
 def contributions(run: RunFolder, main: Item) -> Markup | None:
@@ -49,10 +53,17 @@ def contributions(run: RunFolder, main: Item) -> Markup | None:
     if not shares:
         return None
     kinds = grouped(shares, run.telescopes)
-    named = join(Markup("{} {}").format(_of(kind, n), percent(share)) for kind, share, n in kinds[:SHOWN])
-    rest = sum(share for _, share, _ in kinds[SHOWN:])
-    more = Markup("; all others {}").format(percent(rest)) if len(kinds) > SHOWN and rest > 0.0005 else ""
-    return Markup("Error contributions to the variance of {}: {}{}.").format(what, named, more)
+    ways = (_listed(kinds, n, several) for n in range(min(SHOWN, len(kinds)), 0, -1) for several in (True, False))
+    return short.first_that_fits(
+        *(Markup("Error contributions to the variance of {}: {}.").format(what, one) for one in ways)
+    )
+
+
+def _listed(kinds: list[tuple[str, float, int]], n: int, several: bool) -> Markup:
+    """The first n kinds of sources with their shares, and what all others add up to."""
+    named = join(Markup("{} {}").format(_of(kind, k if several else 1), percent(share)) for kind, share, k in kinds[:n])
+    rest = sum(share for _, share, _ in kinds[n:])
+    return named + (Markup("; all others {}").format(percent(rest)) if rest > 0.0005 else "")
 
 
 def _of(kind: str, n: int) -> str:
@@ -61,6 +72,18 @@ def _of(kind: str, n: int) -> str:
 
 def belief(run: RunFolder, main: Item, good: bool) -> Markup:
     """Yes, or with what caution: sigma, residuals, linearity, estimators."""
+    head = "Yes, as far as the error model holds" if good else "With caution"
+    for why in (True, False):
+        parts = [*_worries(run, main, why), *_grounds(run, main)]
+        text = Markup("<b>{}</b>: {}.").format(head, join(parts)) if parts else Markup("<b>{}</b>.").format(head)
+        if short.lines(text) <= short.MOST_LINES:
+            return text
+    worries = [*_worries(run, main, False), *(one for one in _grounds(run, main) if not good)]
+    return short.as_many(Markup("<b>{}</b>: {}").format(head, worries[0]), worries[1:], ", ")
+
+
+def _worries(run: RunFolder, main: Item, why: bool) -> list[Markup | str]:
+    """How reported and realistic sigma compare, and what has no answer."""
     parts: list[Markup | str] = []
     ratio = formal_ratio(main)
     if ratio is not None:
@@ -68,20 +91,23 @@ def belief(run: RunFolder, main: Item, good: bool) -> Markup:
         parts.append(
             Markup("realistic and reported sigma agree") if close
             else Markup("the realistic sigma is {}{}× the one the estimator reports{}").format(
-                number(ratio), NBSP, _why(main)
+                number(ratio), NBSP, _why(main) if why else ""
             )
         )  # fmt: skip
     if any(main.get("mean_error_km_km_s") or []):
         parts.append("the estimate is off on average")
-    parts += [one for one in (_residuals(main), _linear(run, main)) if one]
     lost = sum(e["status"] != "converged" for e in run.estimators)
     if lost:
         parts.append(f"{lost} of {count(len(run.estimators), 'estimator')} gave no answer")
     if run.unanswered:
-        parts.append(f"{count(len(run.unanswered), 'prediction')} has no answer" if len(run.unanswered) == 1
-                     else f"{count(len(run.unanswered), 'prediction')} have no answer")  # fmt: skip
-    head = "Yes, as far as the error model holds" if good else "With caution"
-    return Markup("<b>{}</b>: {}.").format(head, join(parts)) if parts else Markup("<b>{}</b>.").format(head)
+        one = len(run.unanswered) == 1
+        parts.append(f"{count(len(run.unanswered), 'prediction')} {'has' if one else 'have'} no answer")
+    return parts
+
+
+def _grounds(run: RunFolder, main: Item) -> list[Markup | str]:
+    """What residuals and second-order terms say."""
+    return [one for one in (_residuals(main), _linear(run, main)) if one]
 
 
 def _why(main: Item) -> str:
@@ -93,13 +119,8 @@ def _why(main: Item) -> str:
 
 def _residuals(main: Item) -> str:
     """Whether the residuals are as large as the noise model says."""
-    chi2, dof = main.get("chi2"), main.get("dof")
-    if chi2 is None or not dof or dof < 1:
-        return ""
-    low, high = chi2_interval(int(dof))
-    if low <= chi2 / dof <= high:
-        return "residuals are as large as expected"
-    return f"residuals are {'smaller' if chi2 / dof < low else 'larger'} than the noise model says"
+    found = agreement(main.get("chi2"), main.get("dof"))
+    return "" if found is None else brief_words(found)
 
 
 def _linear(run: RunFolder, main: Item) -> Markup | str:
@@ -110,10 +131,3 @@ def _linear(run: RunFolder, main: Item) -> Markup | str:
         return "the linear ellipse misleads"
     measure = found.get("measure")
     return f"the departure from linear is {number(measure, 2)}σ" if measure is not None else ""
-
-
-def chi2_interval(dof: int) -> tuple[float, float]:
-    """Two-sided 99 % interval of chi2/dof."""
-    from scipy.special import chdtri  # 0.2 s, and free after a run
-
-    return float(chdtri(dof, 0.995)) / dof, float(chdtri(dof, 0.005)) / dof

@@ -13,13 +13,17 @@ from nebosvod.report.kit.chart import WIDE, Chart, fitted
 from nebosvod.report.kit.download import csv
 from nebosvod.report.kit.plate import BLUE, GREEN, GREY, ORANGE, SERIES, VERMILION, Plate, thin
 from nebosvod.report.kit.sight import Cone, Marks, Sight, Thing, Track, draw, entries
-from nebosvod.report.kit.wording import quantity
+from nebosvod.report.kit.wording import number, quantity
 from nebosvod.report.run.near_earth import is_near, near_earth
 from nebosvod.results.folder import Array, RunFolder
 from nebosvod.timescale import Epoch
 
 GM_SUN_KM3_S2 = 1.32712440041e11  # DE440; for the shape of an orbit in a picture
 SIGHT_LINES = 7
+SEVERAL = 1.05  # revolutions, from which on what was measured is drawn as dots by time
+MOST_DOTS = 400
+MOST_NAMED = 6  # telescopes by name in a caption
+SHADES = ("#9bc8e8", "#4aa3d8", "#0072B2", "#08306b")  # of dots by time, the oldest palest
 CLOSE_AU = 0.06  # encounters nearer to each other cannot be told apart
 FAR = 1.7  # an orbit that reaches so many times farther than all the rest is cut at the edge
 TRACK: dict[str, Any] = {"stroke": BLUE, "stroke_width": 2.4}
@@ -79,21 +83,24 @@ def ecliptic_au(position_km: Array) -> Array:
 
 def _solar_system(run: RunFolder) -> Sight | None:
     """Everything around the Sun; None where the run has no measurement."""
-    arc, place = run.array("object_track_km"), run.array("telescope_position_km")
-    earth, state, index = run.array("earth_position_km"), run.array("state"), run.array("telescope_index")
-    if arc is None or place is None or earth is None or state is None or index is None or not len(place):
+    found = places_of(run)
+    if found is None:
         return None
-    track, seen = ecliptic_au(arc), ecliptic_au(state[:, :3])
-    met = _encounters(run)
+    arc, place, earth, index, seen = found
+    met, turns = _encounters(run), _turns(run)
     bodies = list(dict.fromkeys(["earth", *(planets.WITH.get(body, body) for body, _, _ in met)]))
     things: list[Thing] = [Marks(name="Sun", points=np.zeros((1, 3)), marker="o", look={"color": ORANGE, "size": 9.0})]
     things += _exclusions(run, ecliptic_au(place), index)
     things += [Track(name=f"orbit of {_the(body)}", points=planets.orbit(body), look=PLANET) for body in bodies]
     things += _sight_lines(ecliptic_au(place), seen)
-    things.append(Track(name="Earth, during the measurements", points=ecliptic_au(earth)[thin(len(earth), 300)],
-                        look={"stroke": GREEN, "stroke_width": 2.4}))  # fmt: skip
-    things += _telescopes(run, place, earth, index)
-    things.append(Track(name=wording.NBSP.join(["asteroid,", "measured arc"]), points=track, look=TRACK))
+    if turns > SEVERAL:
+        things += _by_years(run, ecliptic_au(earth), seen)
+    else:
+        things.append(Track(name="Earth, during the measurements", points=ecliptic_au(earth)[thin(len(earth), 300)],
+                            look={"stroke": GREEN, "stroke_width": 2.4}))  # fmt: skip
+    things += _telescopes(run, place, earth, index, turns)
+    if turns <= SEVERAL:
+        things.append(Track(name=wording.NBSP.join(["asteroid,", "measured arc"]), points=ecliptic_au(arc), look=TRACK))
     things.append(Marks(name="first measurement", points=seen[:1], marker="O", look={"color": BLUE}))
     things.append(Marks(name="last measurement", points=seen[-1:], marker="o", look={"color": BLUE, "size": 6.0}))
     things += [Marks(name="encounter", points=at[None], marker="X", look={"color": VERMILION, "size": 4.0}, text=said)
@@ -106,6 +113,49 @@ def _solar_system(run: RunFolder) -> Sight | None:
             middle, half, low, high = _frame(things)
     names = ("towards the equinox, au", "90° ahead in the ecliptic, au", "north, au")
     return Sight(names=names, middle=middle, half=half, low=low, high=high, things=things)
+
+
+def places_of(run: RunFolder) -> tuple[Array, Array, Array, Array, Array] | None:
+    """Path of the object, telescopes, Earth (km), telescope of each measurement, measured places (au, ecliptic); None.
+
+    Of a fit the path goes through the measured places.
+    """
+    place, earth, index = (run.array(n) for n in ("telescope_position_km", "earth_position_km", "telescope_index"))
+    state, seen = run.array("state"), run.array("object_position_km")
+    at = state[:, :3] if state is not None else seen
+    if place is None or earth is None or index is None or at is None or not len(place):
+        return None
+    arc = run.array("object_track_km")
+    return (at if arc is None else arc), place, earth, index, ecliptic_au(at)
+
+
+def _turns(run: RunFolder) -> float:
+    """How many times the object goes round the Sun while it is measured; 0 on an open orbit."""
+    t, state = run.array("epoch_s"), _state(run)
+    if t is None or state is None:
+        return 0.0
+    r, v = state
+    inverse = 2.0 / float(np.linalg.norm(r)) - float(v @ v) / GM_SUN_KM3_S2  # 1/a
+    rate = np.sqrt(GM_SUN_KM3_S2 * inverse**3) if inverse > 0.0 else 0.0
+    return float(np.ptp(t)) * float(rate) / (2.0 * np.pi)
+
+
+def _by_years(run: RunFolder, earth: Array, seen: Array) -> list[Thing]:
+    """Measured places as dots, pale to dark by time: a line over several revolutions would be one stripe."""
+    t = run.array("epoch_s")
+    if t is None:
+        return []
+    few = np.unique(np.linspace(0, len(t) - 1, MOST_DOTS).astype(int)) if len(t) > MOST_DOTS else np.arange(len(t))
+    edges = np.quantile(t, np.linspace(0.0, 1.0, len(SHADES) + 1))
+    things: list[Thing] = [Marks(name="Earth, then", points=earth[few], marker="o", look={"color": GREEN, "size": 2.0})]
+    for k, shade in enumerate(SHADES):
+        last = k == len(SHADES) - 1
+        mine = few[(t[few] >= edges[k]) & ((t[few] < edges[k + 1]) | last)]
+        if len(mine):
+            first, end = ((run.epoch + float(t[one])).iso()[:7] for one in (mine[0], mine[-1]))
+            name = f"measured {first}" if first == end else f"measured {first} to {end}"
+            things.append(Marks(name=name, points=seen[mine], marker="o", look={"color": shade, "size": 4.0}))
+    return things
 
 
 def _frame(things: Sequence[Thing]) -> tuple[Array, float, float, float]:
@@ -142,10 +192,10 @@ def _encounters(run: RunFolder) -> list[tuple[str, str, Array]]:
 
 def _osculating(run: RunFolder, limit_au: float) -> Array | None:
     """The orbit of the object at the reference epoch (361, 3), undefined beyond a distance; None without a state."""
-    reference = run.summary.get("reference")
-    if not reference:
+    state = _state(run)
+    if state is None:
         return None
-    r, v = ecliptic_au(reference["position_km"]) * AU_KM, ecliptic_au(reference["velocity_km_s"]) * AU_KM
+    r, v = state
     h = np.cross(r, v)
     bend = np.cross(v, h) / GM_SUN_KM3_S2 - r / np.linalg.norm(r)
     e = float(np.linalg.norm(bend))
@@ -160,6 +210,19 @@ def _osculating(run: RunFolder, limit_au: float) -> Array | None:
     return np.asarray(distance[:, None] * (np.outer(np.cos(f), P) + np.outer(np.sin(f), Q)))
 
 
+def _state(run: RunFolder) -> tuple[Array, Array] | None:
+    """Heliocentric position and velocity of the object in ecliptic axes, km and km/s: the reference of a run, or what
+    a fit found; None without either."""
+    reference, orbit = run.summary.get("reference"), run.summary.get("orbit")
+    if reference:
+        r, v = reference["position_km"], reference["velocity_km_s"]
+    elif orbit:
+        r, v = orbit["state_km_km_s"][:3], orbit["state_km_km_s"][3:]
+    else:
+        return None
+    return ecliptic_au(r) * AU_KM, ecliptic_au(v) * AU_KM
+
+
 def _sight_lines(place: Array, seen: Array) -> list[Thing]:
     """Lines from telescopes to the object, a few of them."""
     few = np.unique(np.linspace(0, len(place) - 1, SIGHT_LINES).astype(int))
@@ -167,7 +230,7 @@ def _sight_lines(place: Array, seen: Array) -> list[Thing]:
     return [Track(name="line of sight", points=np.stack([place[k], seen[k]]), look=look) for k in few]
 
 
-def _telescopes(run: RunFolder, place: Array, earth: Array, index: Array) -> list[Thing]:
+def _telescopes(run: RunFolder, place: Array, earth: Array, index: Array, turns: float) -> list[Thing]:
     """Paths of the telescopes that can be told from the Earth, and where they measured last."""
     things: list[Thing] = []
     for i, name in enumerate(run.telescopes):
@@ -176,7 +239,10 @@ def _telescopes(run: RunFolder, place: Array, earth: Array, index: Array) -> lis
             continue
         colour, marker = SERIES[(i + 1) % len(SERIES)]
         path = _unbroken(ecliptic_au(place[mine]))
-        things.append(Track(name="", points=path, look={"stroke": colour, "stroke_width": 1.6}))
+        if turns > SEVERAL:
+            things.append(Marks(name="", points=path, marker="o", look={"color": colour, "size": 2.0}))
+        else:
+            things.append(Track(name="", points=path, look={"stroke": colour, "stroke_width": 1.6}))
         last = path[np.isfinite(path[:, 0])][-1:]
         things.append(Marks(name=name, points=last, marker=marker, look={"color": colour, "size": 6.0}))
     return things
@@ -223,19 +289,24 @@ def sun_cones(limits: dict[str, float], apex: Array, axis: Array, name: str, sev
 
 def _caption(run: RunFolder) -> Markup:
     """Dates and distances at both ends, and which telescopes are too near the Earth to be seen apart."""
-    place, state, index = run.array("telescope_position_km"), run.array("state"), run.array("telescope_index")
-    earth, t = run.array("earth_position_km"), run.array("epoch_s")
-    if place is None or state is None or earth is None or index is None:
+    found, t = places_of(run), run.array("epoch_s")
+    if found is None:
         return Markup("")
-    ends = [float(np.linalg.norm(state[k, :3] - place[k])) for k in (0, -1)]
+    _, place, earth, index, seen = found
+    ends = [float(np.linalg.norm(seen[k] - ecliptic_au(place[k]))) * AU_KM for k in (0, -1)]
     dates = [wording.date((run.epoch + float(t[k])).iso()) if t is not None else "" for k in (0, -1)]
     text = Markup("The asteroid is {} from the telescope at the first measurement ({}), {} at the last ({}).").format(
         quantity(ends[0], "km"), dates[0], quantity(ends[1], "km"), dates[1]
     )
+    turns = _turns(run)
+    if turns > SEVERAL:
+        text += Markup(" It goes round the Sun {} times meanwhile: measured places are dots, pale to dark.").format(
+            number(turns, 2)
+        )
     near = [name for i, name in enumerate(run.telescopes)
             if np.any(index == i) and is_near(place[index == i], earth[index == i])]  # fmt: skip
-    if near:
-        who = wording.join(near)
+    if near and near_earth(run) is not None:
+        who = wording.join(near) if len(near) <= MOST_NAMED else wording.count(len(near), "telescope")
         text += Markup(
             " {} cannot be told from the Earth at the scale of orbits; the picture about it shows {}."
         ).format(who, "them" if len(near) > 1 else "it")
@@ -244,12 +315,12 @@ def _caption(run: RunFolder) -> Markup:
 
 def _data(run: RunFolder) -> Any:
     """Tracks of the object, the Earth and each telescope."""
-    arc, place = run.array("object_track_km"), run.array("telescope_position_km")
-    earth, index = run.array("earth_position_km"), run.array("telescope_index")
-    if arc is None or place is None or earth is None or index is None:
+    found = places_of(run)
+    if found is None:
         return csv("geometry", {})
+    arc, place, earth, index, _ = found
     tracks = {"asteroid": ecliptic_au(arc), "Earth": ecliptic_au(earth)[thin(len(earth), 300)]}
-    tracks |= {name: ecliptic_au(place[index == i]) for i, name in enumerate(run.telescopes)}
+    tracks |= {name: ecliptic_au(place[index == i]) for i, name in enumerate(run.telescopes[:MOST_NAMED])}
     tracks = {name: path[thin(len(path), 300)] for name, path in tracks.items()}
     points = np.vstack(list(tracks.values()))
     names = [name for name, path in tracks.items() for _ in path]

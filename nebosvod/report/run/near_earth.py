@@ -24,12 +24,15 @@ def is_near(place: Array, earth: Array) -> bool:
 def near_earth(run: RunFolder) -> Sight | None:
     """Telescopes near the Earth in axes that turn with it (away from the Sun, along its motion, north); None."""
     place, earth, index = (run.array(n) for n in ("telescope_position_km", "earth_position_km", "telescope_index"))
-    state = run.array("state")
-    if place is None or earth is None or index is None or state is None:
+    state, fitted = run.array("state"), run.array("object_position_km")
+    at = state[:, :3] if state is not None else fitted
+    if place is None or earth is None or index is None or at is None:
         return None
     near = [
         i for i in range(len(run.telescopes)) if np.any(index == i) and is_near(place[index == i], earth[index == i])
     ]
+    if state is None:  # of a fit: stations on the ground are told by their codes
+        near = [i for i in near if np.linalg.norm((place - earth)[index == i], axis=1).max() > 1.02 * EARTH_RADIUS_KM]
     if not near:
         return None
     turned = _turned(place - earth, earth)
@@ -38,7 +41,7 @@ def near_earth(run: RunFolder) -> Sight | None:
     factor, unit = (1e-6, "10⁶ km") if half > 1e6 else (1e-3, "10³ km") if half > 1.2e4 else (1.0, "km")
     first = np.flatnonzero(index == near[0])
     ends = np.array([first[0], first[-1]])
-    looking = _turned(state[ends, :3] - place[ends], earth[ends])
+    looking = _turned(at[ends] - place[ends], earth[ends])
     things: list[Thing] = [*_limits(run, near, turned, index, factor), *_surroundings(half, factor)]
     things += _looks(turned[ends], looking, half, factor)
     for k, i in enumerate(near):

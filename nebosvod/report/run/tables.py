@@ -6,12 +6,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
 from nebosvod.estimation.accuracy.formed import matrix_of
 from nebosvod.mission.vocabulary import METHODS
 from nebosvod.report.kit import wording
 from nebosvod.report.kit.facts import formal_ratio, impact_clause, leading, when
+from nebosvod.report.kit.typography import Verbatim
 from nebosvod.report.kit.wording import DASH, finite, percent, product, quantity, series
 from nebosvod.results.folder import Item, RunFolder
 from nebosvod.results.outlook import unit_of
@@ -408,8 +409,8 @@ def plain(value: object) -> str:
     return f"{value:.12g}" if isinstance(value, float) else str(value)
 
 
-def mission_text(run: RunFolder) -> str:
+def mission_text(run: RunFolder) -> Verbatim:
     """The mission file as it was read."""
     block = run.manifest.get("mission")
     text = block.get("text") if isinstance(block, Mapping) else None
-    return str(text if text is not None else run.manifest.get("mission_text", ""))
+    return Verbatim(escape(str(text if text is not None else run.manifest.get("mission_text", ""))))

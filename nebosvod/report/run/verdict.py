@@ -21,9 +21,11 @@ from nebosvod.report.kit.facts import (
     total_sigma,
     when,
 )
+from nebosvod.report.kit.residual_words import interval_words
 from nebosvod.report.kit.wording import count, join, percent, product, quantity, series
 from nebosvod.report.run import brief
-from nebosvod.report.run.brief import AGREE, HELD_AT_3_SIGMA, chi2_interval
+from nebosvod.report.run.brief import AGREE, HELD_AT_3_SIGMA
+from nebosvod.results.agreement import agreement
 from nebosvod.results.folder import Item, RunFolder
 from nebosvod.results.outlook import unit_of
 
@@ -269,19 +271,8 @@ def _mean_error(main: Item) -> Markup | None:
 
 def _fit(main: Item) -> tuple[Markup | None, bool]:
     """chi2 per degree of freedom against its 99 % interval."""
-    chi2, dof = main.get("chi2"), main.get("dof")
-    if chi2 is None or not dof or dof < 1:
-        return None, True
-    low, high = chi2_interval(int(dof))
-    inside = low <= chi2 / dof <= high
-    where = "inside" if inside else "below" if chi2 / dof < low else "above"
-    odd = "" if inside else " The residuals are smaller than the noise model says." if where == "below" else (
-        " The residuals are larger than the noise model says."
-    )  # fmt: skip
-    text = Markup(
-        "χ² per degree of freedom is {}, {} its 99{}% interval of {} to {} ({} degrees of freedom).{}"
-    ).format(quantity(chi2 / dof), where, wording.NBSP, wording.number(low), wording.number(high), dof, odd)
-    return text, inside
+    found = agreement(main.get("chi2"), main.get("dof"))
+    return (None, True) if found is None else (interval_words(found, int(main["dof"])), found.where == "inside")
 
 
 def _agreement(run: RunFolder, main: Item) -> Markup | None:

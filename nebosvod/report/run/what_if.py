@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from markupsafe import Markup
 
 from nebosvod.mission.vocabulary import PLANES
 from nebosvod.report.kit import wording
 from nebosvod.report.kit.facts import leading
+from nebosvod.report.kit.typography import Verbatim
 from nebosvod.results.folder import Item, RunFolder
 from nebosvod.results.outlook import unit_of
 
@@ -25,7 +25,7 @@ class Sliders:
     `reason` : why it answers with the gain as it is alone; None where both answers are there.
     """
 
-    data: Markup
+    data: Verbatim
     estimator: str
     reason: str | None
     bent: tuple[str, ...]
@@ -55,7 +55,7 @@ def sliders(run: RunFolder, main: Item | None) -> Sliders | None:
     }
     text = json.dumps(model, ensure_ascii=True, separators=(",", ":"), sort_keys=True).replace("<", "\\u003c")
     bent = tuple(name for name in shown if (of_name[name].get("nonlinearity") or {}).get("misleads"))
-    return Sliders(data=Markup(text), estimator=main["name"], reason=kept["reason"], bent=bent)
+    return Sliders(data=Verbatim(text), estimator=main["name"], reason=kept["reason"], bent=bent)
 
 
 def _prediction(found: Item) -> dict[str, Any]:

@@ -240,7 +240,12 @@ def test_command_writes_text_table_json_and_a_folder(
     capsys.readouterr()
     assert main(["report", str(folder)]) == 0
     assert (folder / "report.html").read_bytes() == page
-    assert b"Ephemeris" in page
+    near, long = (
+        [row[key] for row in summary["rows"]] for key in ("distance_au", "semi_major_arcsec")
+    )  # fmt: skip
+    told = page.decode("utf-8")  # what a reader asks stands on top
+    assert f"earest at {min(near):.4g} au on {summary['rows'][int(np.argmin(near))]['epoch_utc'][:10]}" in told
+    assert f"known to {min(long):.3g}" in told
 
 
 def test_five_observers_are_understood(known: Path, tmp_path: Path) -> None:

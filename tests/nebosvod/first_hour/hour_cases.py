@@ -116,12 +116,14 @@ def made(case: Case, ephemeris: Ephemeris) -> Made:
 
 
 def aimed(case: Case, ephemeris: Ephemeris) -> Case:
-    """The same, moving across as what comes down on the Earth within ten days does."""
+    """The same, approaching, and moving across as what comes down on the Earth within ten days does."""
+    case = replace(case, rate_km_s=min(case.rate_km_s, -8.0))
     one = made(case, ephemeris)
     tried = np.stack(np.meshgrid(*[np.linspace(-0.8, 0.8, 41)] * 2), axis=-1).reshape(-1, 2)
     x = np.repeat(one.truth[None], len(tried), axis=0)
     x[:, 4:] = tried / case.rho_au / AU
     hit = oracle.falls(one.problem, x, one.tracklet.epoch, ephemeris, 10.0)
+    assert hit.any()
     east, north = tried[hit].mean(axis=0).tolist()
     return replace(case, across_km_s=(east, north))
 

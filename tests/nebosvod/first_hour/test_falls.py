@@ -5,7 +5,8 @@ import pytest
 from scipy.stats import binomtest
 
 from nebosvod.first_hour.falls import interval
-from nebosvod.results.alert_words import digits, headline
+from nebosvod.impacts.chance import digits
+from nebosvod.results.alert_words import headline
 
 
 @pytest.mark.parametrize(("hits", "draws"), [(40, 400), (200, 400), (360, 400), (950, 1000)])

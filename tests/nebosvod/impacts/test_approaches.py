@@ -241,6 +241,10 @@ def test_command_writes_text_json_and_a_folder(tmp_path: Path, capsys: pytest.Ca
     assert json.loads((folder / "summary.json").read_text()) == summary
     assert [row["body"] for row in summary["approaches"]] == ["earth", "moon"]
     page = (folder / "report.html").read_bytes()
+    told = page.decode("utf-8")
+    assert "Target plane of the Moon on 2032-12-22" in told  # which it may hit, though it is a dot on its ellipse
+    assert "Target plane of the Earth" not in told
+    assert "nebosvod risk tells how far to believe it" in told
     assert main(["report", str(folder)]) == 0
     assert (folder / "report.html").read_bytes() == page
     assert main([*base, "-o", str(folder)]) == 3

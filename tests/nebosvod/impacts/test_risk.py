@@ -455,6 +455,9 @@ def test_bennu_in_2182_is_as_published_where_the_passage_of_2135_is(bodies: Ephe
     weighed = next(way for way in one.ways if way.name == "importance_sampling").probability
     assert weighed is not None
     assert 1.0 / 3.0 < weighed * 2700.0 < 3.0
+    assert next(way for way in one.ways if way.name == "line_of_variations").probability == pytest.approx(
+        weighed, rel=0.15
+    )
     assert one.sigmas_line is not None
     assert abs(one.sigmas_line) == pytest.approx(0.9, abs=0.2)
 

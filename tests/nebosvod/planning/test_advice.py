@@ -12,7 +12,8 @@ from nebosvod import pipeline
 from nebosvod.cli import main
 from nebosvod.errors import InputError
 from nebosvod.mission import load_mission
-from nebosvod.planning.planner import Wish, plan
+from nebosvod.planning.planner import plan
+from nebosvod.planning.wish import Wish
 from nebosvod.studies.validation import validate
 
 Capture = pytest.CaptureFixture[str]

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -15,14 +16,16 @@ from nebosvod.cli import main
 from nebosvod.dynamics import Ephemeris, ForceModel, propagate
 from nebosvod.dynamics.impact import follow
 from nebosvod.ephemerides.observers import observer
+from nebosvod.estimation.accuracy.preposterior import Foreseen
 from nebosvod.impacts.approaches import approaches
+from nebosvod.impacts.flight import WIDER_KM, Course
 from nebosvod.mission import load_mission_text
 from nebosvod.observation import observe, residual
 from nebosvod.orbits.conversion import balanced_factor
 from nebosvod.orbits.uncertain import UncertainOrbit
 from nebosvod.planning.coming import Watch, visit
-from nebosvod.planning.decide import Decision, Wanted, decide
-from nebosvod.planning.decision import advice, said_share
+from nebosvod.planning.decide import Decision, Outcome, Wanted, decide
+from nebosvod.planning.decision import advice, said_chance, said_share
 from nebosvod.planning.watches import watches
 from nebosvod.report.decision_page import make_decision_page
 from nebosvod.scene.instruments import telescopes
@@ -313,6 +316,28 @@ def test_where_linear_is_wrong_the_distribution_is_that_of_fresh_fits(bodies: Ep
         assert np.mean(ours > threshold) == pytest.approx(share, abs=3.0 * np.sqrt(share / fits))
 
 
+@pytest.mark.long
+def test_where_linear_is_wrong_truths_that_end_at_a_probability_hit_that_often(bodies: Ephemeris) -> None:
+    """10,000 truths of the bent orbit, each flown to its fate, inside the 99 % binomial band in every class of P."""
+    orbit, until = bent(bodies), IMPACT + 20.0 * DAY
+    first = orbit.epoch + 150.0 * DAY
+    wanted = Wanted(
+        first=first, last=first, step_s=DAY, exposures=3, spacing_s=600.0, until=until, bodies=("earth",),
+        draws=60_000, truths=10_000,
+    )  # fmt: skip
+    foreseen = decide(orbit, [geocentre(SIGMA)], wanted, bodies).outcomes[0].foreseen
+    u = np.random.default_rng(np.random.SeedSequence(wanted.seed)).standard_normal((wanted.draws, 6))
+    course = Course(orbit=orbit, ephemeris=bodies, last=until, bodies=("earth",), within_km=WIDER_KM)
+    hits = course.fly(u[foreseen.truth] @ orbit.factor.T).body == "earth"
+    assert np.count_nonzero(hits) > 20
+    P, edges = foreseen.probability, [-1.0, 1e-4, 1e-3, 0.01, 0.05, 0.2, 1.0]
+    for low, high in pairwise(edges):
+        some = (low < P) & (high >= P)
+        if some.any():
+            least, most = binom.ppf([0.005, 0.995], np.count_nonzero(some), P[some].mean())
+            assert least <= np.count_nonzero(hits[some]) <= most, (low, high)
+
+
 @pytest.mark.skipif(not PDC27.is_file(), reason="the folder of reference data is not here")
 def test_a_station_keeps_the_bias_that_its_fit_has_considered(tmp_path: Path, bodies: Ephemeris) -> None:
     """The bias is known no better after the fit, and with the orbit as its part of the budget says."""
@@ -342,10 +367,26 @@ def test_advice_names_no_chance_of_0_and_no_span_from_nothing_to_nothing() -> No
     """Of a Moon that a visit all but clears: a hundred truths of which none is above is no 0 %."""
     row = {
         "telescope": "F51", "epoch_utc": "2028-11-20T00:00:00Z", "quantiles": {"0.1": 0.0, "0.9": 0.0},
-        "chance_below": 1.0, "chance_above": 0.0,
+        "bound": 3e-4, "chance_below": 1.0, "chance_above": 0.0,
     }  # fmt: skip
     said = advice({"visits": [row], "best": 0, "below": 0.0041, "above": 0.52, "probability": 0.041})
-    assert "with more than 99 % and rises above 0.52 with less than 1 %; it will be next to 0 (80 %)" in said
+    assert "with more than 99 % and rises above 0.52 with less than 1 %; it will be below 0.0003 (80 %)" in said
+
+
+def test_a_future_probability_of_no_hit_is_told_as_the_bound_it_is(decision: Decision) -> None:
+    """Of 600 orbits that agree with a visit none hits: 0.05^(1/600) is what is left, and never ~0."""
+    one = decision.outcomes[0]
+    seen = Foreseen(
+        truth=np.arange(4), probability=np.array([0.0, 0.0, 0.3, 0.4]), effective=np.array([200.0, 1000.0, 9.0, 9.0]),
+        redrawn=np.zeros(4, dtype=np.bool_),
+    )  # fmt: skip
+    some = Outcome(visit=one.visit, foreseen=seen, hits=np.zeros(4, dtype=np.bool_))
+    assert some.bound == pytest.approx(1.0 - 0.05 ** (1.0 / 600.0))
+    assert said_chance(some.quantiles[0.01], some.bound) == "< 0.005"
+    assert said_chance(0.24, some.bound) == "0.24"
+    assert said_chance(0.99996, some.bound) == "0.99996"
+    hit = replace(some, foreseen=replace(seen, probability=np.full(4, 0.2)))
+    assert hit.bound is None
 
 
 def test_shares_of_a_few_hundred_truths_are_no_certainties() -> None:

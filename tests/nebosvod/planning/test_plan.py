@@ -17,7 +17,8 @@ from nebosvod.engine.fitting import SOLVERS
 from nebosvod.errors import GeometryError, InputError
 from nebosvod.estimation import Estimate
 from nebosvod.mission import Mission, load_mission, load_mission_text
-from nebosvod.planning.planner import Wish, plan, read_wish
+from nebosvod.planning.planner import plan
+from nebosvod.planning.wish import Wish, read_wish
 from nebosvod.scene.prior import prior_table
 from nebosvod.scene.scene import build_scene
 from nebosvod.timescale import Epoch

@@ -14,8 +14,9 @@ from nebosvod.cli import main
 from nebosvod.engine.evaluation import quantity
 from nebosvod.engine.fitting import SOLVERS
 from nebosvod.mission import load_mission_text
-from nebosvod.planning.planner import Planner, Wish, plan
+from nebosvod.planning.planner import Planner, plan
 from nebosvod.planning.visits import candidates, grids
+from nebosvod.planning.wish import Wish
 from nebosvod.planning.worst_case import WorstCase
 from nebosvod.scene.prior import prior_table
 from nebosvod.scene.scene import build_scene

@@ -111,7 +111,8 @@ def test_what_would_be_wrong_is_found(shown: Page) -> None:
     shown.set_content(
         '<html lang="en"><title>t</title><main><h1>t</h1>'
         '<svg viewBox="0 0 9 9"><text y="9" fill="#aaa">pale</text></svg>'
-        '<p style="color: #999">pale</p><input><table><tr><th></th><td>1</td></tr></table></main>'
+        '<p style="color: #999">pale</p><input><table><tr><th></th><td>1</td></tr></table>'
+        '<i id="one"></i><b id="one"></b></main>'
     )
     said = wrong_for_some(shown)
     for word in (
@@ -120,6 +121,7 @@ def test_what_would_be_wrong_is_found(shown: Page) -> None:
         "label: input",
         "empty-table-header",
         "a picture",
+        "an id that stands twice: one",
     ):
         assert any(one.startswith(word) for one in said), (word, said)
 

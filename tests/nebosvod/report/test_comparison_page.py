@@ -50,8 +50,8 @@ def test_the_page_says_what_the_comparison_holds(comparison: dict[str, Any]) -> 
     assert "://" not in page.replace("http://www.w3.org/2000/svg", "")
     assert page == make_comparison_page(comparison)
     warned = make_comparison_page(comparison | {"warnings": ["the objects differ"]})
-    assert "Not everything compares." in warned
-    assert "the objects differ." in warned
+    assert "Not everything compares: " in warned
+    assert "The objects differ." in warned
 
 
 def test_the_best_and_the_worst_run_are_named(comparison: dict[str, Any]) -> None:

@@ -8,7 +8,10 @@ import subprocess
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from matplotlib.image import imread
+from playwright.sync_api import sync_playwright
 
 from nebosvod.cli import main
 from nebosvod.report.kit import pdf
@@ -29,6 +32,9 @@ KINDS = (
     "fit",
 )
 SMALLEST_PX = 9.9  # of text in a figure, on a phone
+EMPTY = 1.0 / 3.0  # of a sheet, at its foot: more is a hole
+PAPER_DPI = 40
+FOOT_MM, HEAD_MM, SHEET_MM = 16.0, 18.0, 297.0
 LA = """\
      K18L00A tC2018 06 02.34329516 11 10.342-11 19 34.92               V~2i5UG96
      K18L00A tC2018 06 02.34850816 10 59.352-11 20 21.37         18.2 GV~2i5UG96
@@ -65,6 +71,10 @@ for (const [kind, page] of Object.entries(pages)) for (const width of widths) {
       }).map(t => t.textContent),
       unmarked: boxes.filter(b => b.scrollWidth > b.clientWidth + 1 && (b.tabIndex < 0 ||
         !frame.contentWindow.getComputedStyle(b).backgroundImage.includes("gradient"))).length,
+      lines: [...d.querySelectorAll("#verdict > h2, #verdict .answers dd > p, #verdict .warning > p, #verdict > p")]
+        .map(e => [e.textContent.trim(), e.getBoundingClientRect().height
+          / parseFloat(frame.contentWindow.getComputedStyle(e).lineHeight)]),
+      questions: [...d.querySelectorAll("#verdict .answers dt")].map(e => e.textContent),
       numbers: [...d.querySelectorAll(".number")].map(e => e.textContent),
     };
     if (!--left) document.getElementById("found").textContent = JSON.stringify(found);
@@ -144,3 +154,40 @@ def test_a_page_of_each_kind_fits_and_can_be_read(seen: dict[str, dict[str, Any]
     for word in ("Figure", "Table"):
         numbers = [int(text.split()[1].rstrip(".")) for text in one["numbers"] if text.startswith(word)]
         assert numbers == list(range(1, len(numbers) + 1))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_answer_is_told_in_rows_of_two_lines(seen: dict[str, dict[str, Any]], kind: str) -> None:
+    """At 1280 px; what else is to be said stands one click behind."""
+    lines = seen[f"{kind} 1280"]["lines"]
+    assert lines
+    assert [text for text, n in lines if n > 2.1] == []
+    if kind not in ("ephemeris", "approaches", "compare-orbits"):  # these give places, not how good something is
+        assert "Can it be believed" in seen[f"{kind} 1280"]["questions"]
+
+
+def empty_parts(pdf_file: Path) -> list[float]:
+    """Which part of each sheet is empty at its foot, as Poppler draws it."""
+    command = ["pdftoppm", "-r", str(PAPER_DPI), "-gray", str(pdf_file), str(pdf_file.with_suffix(""))]
+    subprocess.run(command, check=True, capture_output=True)
+    parts = []
+    for sheet in sorted(pdf_file.parent.glob(f"{pdf_file.stem}-*.pgm")):
+        dark = imread(sheet) < 225
+        first, last = (round(len(dark) * part) for part in (HEAD_MM / SHEET_MM, 1.0 - FOOT_MM / SHEET_MM))
+        inked = np.flatnonzero(dark[first + 1 : last - 1].any(axis=1))
+        parts.append(1.0 - (inked[-1] + 1 if len(inked) else 0) / (last - first - 2))
+    return parts
+
+
+@pytest.mark.skipif(not shutil.which("pdftoppm"), reason="needs poppler-utils")
+def test_no_sheet_but_the_last_is_a_third_empty(pages: dict[str, Path], tmp_path: Path) -> None:
+    with sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=BROWSER, args=["--no-sandbox"])
+        tab = browser.new_page()
+        for kind, path in pages.items():
+            tab.goto(path.as_uri())
+            tab.pdf(path=tmp_path / f"{kind}.pdf", prefer_css_page_size=True)
+        browser.close()
+    holes = {kind: empty_parts(tmp_path / f"{kind}.pdf")[:-1] for kind in pages}
+    assert {kind: parts for kind, parts in holes.items() if any(part > EMPTY for part in parts)} == {}
+    assert sum(len(parts) for parts in holes.values()) > 15  # there were sheets to look at

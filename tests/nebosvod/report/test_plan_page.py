@@ -25,11 +25,11 @@ def planned(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], s
 def test_the_page_gives_the_advice_of_the_command(planned: tuple[dict[str, Any], str]) -> None:
     found, page = planned
     said = advice(found)
-    assert said[0].upper() + said[1:] + "." in page
+    assert said[0].upper() + said[1:].replace("T00:00:00", " 00:00") + "." in page
     assert page == make_plan_page(found)
     assert "://" not in page.replace("http://www.w3.org/2000/svg", "")
     lost = make_plan_page(found | {"never_visible": ["far", "off"]})
-    assert "far and off never see the object" in lost
+    assert "Far and off never see the object" in lost
 
 
 def test_every_possible_visit_stands_in_the_figure_and_its_file(planned: tuple[dict[str, Any], str]) -> None:

@@ -55,8 +55,9 @@ def test_a_telescope_is_as_far_from_its_central_body_as_its_orbit_says(kind: str
 def test_the_tables_of_kinds_know_all_that_a_mission_can_say() -> None:
     from typing import get_args
 
+    from nebosvod.mission.bias import Bias
+    from nebosvod.mission.position import Position
     from nebosvod.mission.spacecraft import TelescopeOrbit
-    from nebosvod.mission.uncertainty import Bias, Position
 
     assert set(SPACECRAFT) == set(get_args(get_args(TelescopeOrbit)[0]))
     said = {("bias", word) for word in get_args(Bias.model_fields["correlation"].annotation)}

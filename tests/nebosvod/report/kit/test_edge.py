@@ -33,7 +33,7 @@ def drawn(points: Any, most: int = 8) -> tuple[list[tuple[str, Any]], list[str]]
 def test_points_inside_are_left_alone_and_those_outside_point_outwards() -> None:
     heads, words = drawn([(0.0, 0.0), (1.0, -1.0), (0.5, 4.0), (-30.0, 0.0)])
     assert [told for told, _ in heads] == ["-30, 0", "0.5, 4"]  # the furthest first
-    assert words == ["-30, 0", "0.5, 4"]
+    assert words == ["\N{MINUS SIGN}30, 0", "0.5, 4"]
     (_, west), (_, north) = heads
     tip = west[np.argmin(west[:, 0])]
     assert np.allclose(tip, [LEFT, 0.5 * (TOP + BOTTOM)], atol=0.01)

@@ -11,10 +11,10 @@ import pytest
 
 from nebosvod.findings.kinds import kind_of
 from nebosvod.report.kit.facts import earlier_orbit, grouped, impact_clause, position_shares
-from nebosvod.report.run.brief import chi2_interval
 from nebosvod.report.run.physical import kappa_partials, kappa_sentence
 from nebosvod.report.run.trust import doubtful, nonlinearity_sentence
 from nebosvod.report.run.verdict import blame_of, verdict
+from nebosvod.results.agreement import chi2_interval
 from nebosvod.results.folder import RunFolder, read_folder
 
 

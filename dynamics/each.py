@@ -1,0 +1,104 @@
+"""Many orbits to their fates, each on steps of its own: what an orbit did on the way is not kept.
+
+Flocks (flock.py) serve clouds that stay together. Orbits of which some circle the Earth, some fall and some pass share
+no steps; a flock of one is led, searched for a surface and watched, three flights of which the last one is enough.
+"""
+
+import numpy as np
+import numpy.typing as npt
+
+from nebosvod.dynamics import integrator
+from nebosvod.dynamics.fates import Fates
+from nebosvod.dynamics.flock import LOW, NO_COLUMNS, STOP
+from nebosvod.dynamics.model import ForceModel, arc_of
+from nebosvod.dynamics.passages import Records, Seen, descents, nearest
+from nebosvod.dynamics.propagator import NO_GUIDES, TOLERANCE
+from nebosvod.dynamics.surface import SURFACE_KM
+from nebosvod.dynamics.watch import NEAREST, RECORD
+from nebosvod.dynamics.workspace import NO_SAMPLES, Samples, Watch
+from nebosvod.timescale import Epoch
+
+Array = npt.NDArray[np.float64]
+ROOM = 64  # records for each orbit, at first
+DEEPEST = 2.0  # closest approaches of an orbit up to so many times its least distance at a node are refined
+GRAZE = 1.1  # of the radius: as are all that come so near
+
+
+def fates_of_each(
+    states_km_km_s: Array, epoch: Epoch, end_s: float, forces: ForceModel, body: str, within_km: float,
+    tolerance: float = TOLERANCE,
+) -> Fates:  # fmt: skip
+    """Fly orbits to the end, or to a surface.
+
+    Parameters
+    ----------
+    states_km_km_s : (k, 6) heliocentric ICRF at `epoch`; finite.
+    end_s : TDB seconds after it.
+    body : its closest approaches, within so many km, are told where an orbit hits nothing; the least of each orbit.
+
+    Raises
+    ------
+    CoverageError
+        If the end is outside the ephemeris.
+    """
+    _, _, window, sun, physics = arc_of(forces, epoch, min(end_s, 0.0), max(end_s, 0.0), 0.0)
+    arc = (window.coefficients, window.layout, window.timing, physics, NO_COLUMNS, False, tolerance, *NO_GUIDES[0])
+    rows, count = [], len(states_km_km_s)
+    room = np.empty((ROOM, RECORD))
+    begun = np.sum((states_km_km_s[:, :3] + sun[:3] - forces.ephemeris.position_km(body, epoch, 0.0)[0]) ** 2, axis=1)
+    for k, start in enumerate(states_km_km_s + sun):
+        while True:
+            watch = _watch(forces.bodies, body, within_km, begun[k], room)
+            samples = Samples(*NO_SAMPLES[:4], np.empty((1, 0, 6)), np.zeros(1), watch)
+            integrator.integrate(8, start[None], physics.strength[None], end_s, *arc, samples)
+            written = int(watch.written[0])
+            if written <= len(room):
+                break
+            room = np.empty((2 * written, RECORD))
+        room[:written, 0] = k
+        rows.append(room[:written].copy())
+    records = Records(rows=np.concatenate([*rows, np.empty((0, RECORD))]), names=forces.bodies,
+                      ephemeris=forces.ephemeris, epoch=epoch)  # fmt: skip
+    return _told(_deepest(records, body, count), count, body, forces)
+
+
+def _told(records: Records, count: int, body: str, forces: ForceModel) -> Fates:
+    """The fates by the records."""
+    fates = Fates.unknown(count)
+    near = nearest(records)
+    (impact,) = descents(records, near)
+    distance = np.linalg.norm(near.state[:, :3], axis=1)
+    _put(fates, near, np.argsort(-distance, kind="stable"), body, False)  # the last one written is the nearest
+    for row in np.unique(impact.body):
+        _put(fates, impact, np.flatnonzero(impact.body == row), forces.bodies[row], True)
+    return fates
+
+
+def _put(fates: Fates, seen: Seen, order: npt.NDArray[np.int64], body: str, impact: bool) -> None:
+    """Write moments in an order."""
+    k = seen.orbit[order]
+    fates.body[k], fates.impact[k], fates.t_s[k] = body, impact, seen.t_s[order]
+    fates.position_km[k], fates.velocity_km_s[k] = seen.state[order, :3], seen.state[order, 3:]
+    fates.distance_km[k] = np.linalg.norm(seen.state[order, :3], axis=1)
+
+
+def _deepest(records: Records, body: str, count: int) -> Records:
+    """Without closest approaches that are not the closest one: a satellite has hundreds."""
+    near = np.flatnonzero(records.rows[:, 1] == NEAREST)
+    some = records.where(near)
+    distance = np.linalg.norm(some.relative(some.rows[:, 5])[:, :3], axis=1)
+    orbit, least = some.rows[:, 0].astype(np.int64), np.full(count, np.inf)
+    np.minimum.at(least, orbit, distance)
+    kept = np.ones(len(records.rows), dtype=np.bool_)
+    kept[near] = distance < np.maximum(DEEPEST * least[orbit], GRAZE * SURFACE_KM[body])
+    return records.where(kept)
+
+
+def _watch(bodies: tuple[str, ...], body: str, within_km: float, begun2: float, room: Array) -> Watch:
+    """What is watched of one orbit that begins so far away, km^2, and room for it."""
+    radius = np.array([SURFACE_KM[name] for name in bodies])
+    row = bodies.index(body)
+    return Watch(
+        np.array([row]), np.array([within_km**2]), np.zeros(1), (LOW * radius) ** 2, (STOP * radius) ** 2,
+        np.array([[-1.0, begun2]]), room, np.zeros(1, np.int64), np.zeros((1, 8)),
+    )  # fmt: skip

@@ -1,0 +1,73 @@
+"""The line of variations leads to each virtual impactor along what moves the orbit in its own target plane."""
+
+import numpy as np
+import pytest
+
+from nebosvod.dynamics import Ephemeris
+from nebosvod.dynamics.impact import follow
+from nebosvod.impacts.cloud import draw
+from nebosvod.impacts.flight import Course
+from nebosvod.impacts.hitting import hitting_orbit
+from nebosvod.impacts.line import line_of_variations
+from nebosvod.impacts.risk import risk
+from nebosvod.orbits.conversion import balanced_factor
+from nebosvod.orbits.uncertain import UncertainOrbit
+from nebosvod.timescale import SECONDS_PER_DAY, Epoch
+
+IMPACT = Epoch.parse("2036-05-01T00:00:00 TDB")
+UNTIL = IMPACT + 3.0 * SECONDS_PER_DAY
+PLAIN = 4.71e-4  # of a million plain draws, 471 hit (the long test below)
+
+
+@pytest.fixture(scope="module")
+def bodies() -> Ephemeris:
+    return Ephemeris.load()
+
+
+def turned() -> UncertainOrbit:
+    """Four years before an impact, a month before a passage at 0.04 au, uncertain along its track in place and speed.
+
+    What moves it along the track at that passage is not what moves it in 2036: the two are 22 degrees apart, and a
+    sigma is 2 million km long then, which bends.
+    """
+    state = np.array([
+        -104213294.98932408, -102169854.83912374, -45769001.80023171,
+        15.607058624576934, -15.808958661957927, -9.167988352524523,
+    ])  # fmt: skip
+    along = state[3:] / np.linalg.norm(state[3:])
+    place, speed = np.zeros(6), np.zeros(6)
+    place[:3], speed[3:] = 6e5 * along, 6e-3 * along
+    wide = np.hstack([place[:, None], speed[:, None], np.diag([1.0] * 3 + [1e-9] * 3)])
+    return UncertainOrbit(
+        name="turned", epoch=IMPACT + -4.0 * 365.25 * SECONDS_PER_DAY, state=state - 1.5 * place - 0.7 * speed,
+        factor=balanced_factor(wide),
+    )  # fmt: skip
+
+
+def test_the_line_has_the_chance_of_drawn_orbits_where_an_earlier_passage_points_elsewhere(bodies: Ephemeris) -> None:
+    """Along the track of the passage in 2032 it had 1.8e-4."""
+    orbit = turned()
+    course = Course(orbit=orbit, ephemeris=bodies, last=UNTIL, bodies=("earth",))
+    nominal = follow(orbit.state, orbit.epoch, (0.0, UNTIL - orbit.epoch), 0.0, orbit.forces(bodies), True)
+    line = line_of_variations(course, nominal, Epoch.parse("2032-05-28T02:00:00 TDB") - orbit.epoch)
+    least = min((one for one in line.minima if abs(one.epoch - IMPACT) < 2e6), key=lambda one: one.distance_km)
+    hits = hitting_orbit(course, "earth", least.epoch, least.sigma * line.string.direction)
+    assert hits is not None
+    direction = line.toward(hits).direction
+    assert float(direction @ line.string.direction) == pytest.approx(0.924, abs=0.002)
+    assert np.linalg.norm(hits.J @ direction) == pytest.approx(np.linalg.norm(hits.J, 2), rel=1e-9)
+    assert line.probability(hits, "earth") == pytest.approx(PLAIN, rel=0.1)
+
+
+@pytest.mark.long
+def test_every_way_has_the_chance_of_a_million_plain_draws(bodies: Ephemeris) -> None:
+    orbit = turned()
+    course, rng = Course(orbit=orbit, ephemeris=bodies, last=UNTIL, bodies=("earth",)), np.random.default_rng(5)
+    count = sum(int(course.fly(draw(orbit, 50_000, rng)).hit.sum()) for _ in range(20))
+    assert count / 1e6 == pytest.approx(PLAIN, abs=3.0 * PLAIN / np.sqrt(count))
+    (one,) = risk(orbit, UNTIL, bodies, bodies=("earth",), draws=2000).impactors
+    chance = {way.name: way.probability for way in one.ways}
+    for name in ("line_of_variations", "importance_sampling"):
+        assert chance[name] == pytest.approx(count / 1e6, rel=0.15), name
+    assert one.sigmas_line == pytest.approx(float(np.linalg.norm(one.orbits[0].u)), abs=0.02)
+    assert one.stretching_km == pytest.approx(float(np.linalg.norm(one.orbits[0].J, 2)), rel=1e-6)
