@@ -21,17 +21,20 @@ from nebosvod.dynamics import Trajectory
 from nebosvod.errors import InputError
 from nebosvod.estimation.accuracy.inside import inside_disc
 from nebosvod.impacts.cloud import Cloud, Passage
-from nebosvod.impacts.flight import GAP_S, Course
+from nebosvod.impacts.flight import GAP_S, WITHIN_KM, Course
 from nebosvod.impacts.hitting import AFTER_S, HittingOrbit
 from nebosvod.impacts.string import Corrected, String
 from nebosvod.timescale import Epoch
 
 Array = npt.NDArray[np.float64]
-ENDS, POINTS = 5.0, 401
-ROUNDS, FINE = 4, 9
+ENDS, POINTS, MOST_POINTS = 5.0, 401, 4001
+SPACING_KM = WITHIN_KM  # along the track between neighbours: one of two is seen at every encounter that the string has
+TIMES = 200  # at which that is looked at
+ROUNDS, FINE = 10, 9
+ONE = 0.05  # of the capture radius between points: nearer ones are one
 NODES = 121
 REACH = 6.0  # sigmas across the string
-MOST_MINIMA = 16  # of one string, the nearest of them
+MOST_LOOKED_AT, MOST_MINIMA = 100, 16  # of one string, the nearest of them
 NO_OBSERVATIONS = "no observations are at hand"
 DEEP = 40.0  # capture radii: a string that comes no nearer is not looked at
 ALIGNED = 0.999  # cosine of the angle between directions whose curved strings are one
@@ -54,7 +57,7 @@ class Line:
     """The string, sigmas (k,) of it, their flight, and the returns.
 
     `why_straight` says why it is not corrected to observations; empty where it is. `corrected` makes curved strings,
-    `strings` are those that were made.
+    `strings` are those that were made. Neighbours are up to `spacing_km` apart along the track.
     """
 
     course: Course
@@ -65,6 +68,12 @@ class Line:
     why_straight: str
     corrected: Corrected | str
     strings: list[String]
+    spacing_km: float
+
+    @property
+    def coarse(self) -> bool:
+        """Whether it may step over an encounter."""
+        return self.spacing_km > 2.0 * SPACING_KM
 
     def toward(self, orbit: HittingOrbit) -> String:
         """The string along which the point in the target plane of a hitting orbit moves most, in the line's sense.
@@ -117,10 +126,10 @@ class Line:
         sigmas = np.linspace(max(level - ABOUT, string.ends[0]), min(level + ABOUT, string.ends[1]), ABOUT_POINTS)
         last = min(orbit.epoch + GAP_S, self.course.last)
         passage = _passage(self.course.fly(_strung(self.course, string, sigmas), None, last), body, orbit.epoch)
-        lowest = [] if passage is None else _lowest(sigmas, passage)
+        lowest = [] if passage is None else lowest_points(sigmas, passage)
         if not lowest:
             return level
-        return _refined(self.course, string, *min(lowest, key=lambda one: abs(one[1] - level))).sigma
+        return _refined(self.course, string, *min(lowest, key=lambda one: abs(one[1] - level))[1:]).sigma
 
 
 def line_of_variations(
@@ -135,14 +144,19 @@ def line_of_variations(
     corrected : the string of a direction by the observations, or why there is none.
     """
     string, why_straight = _string(course, weak_direction(course, nominal, about_s), corrected)
-    sigmas = np.linspace(max(-ENDS, string.ends[0]), min(ENDS, string.ends[1]), POINTS)
+    low, high = max(-ENDS, string.ends[0]), min(ENDS, string.ends[1])
+    length = (high - low) * _stretching(course, nominal, string.direction)
+    sigmas = np.linspace(low, high, int(np.clip(np.ceil(length / SPACING_KM) + 1, POINTS, MOST_POINTS)))
     cloud = course.fly(_strung(course, string, sigmas))
-    coarse = sorted((one for passage in cloud.passages for one in _lowest(sigmas, passage)), key=lambda one: one[0])
-    fine = [_refined(course, string, *one) for one in coarse[:MOST_MINIMA]]
-    minima = [one for one in fine if one.distance_km <= DEEP * one.capture_radius_km]
+    coarse = sorted(
+        (one for passage in cloud.passages for one in lowest_points(sigmas, passage)), key=lambda one: one[0]
+    )
+    fine = [_refined(course, string, *one[1:]) for one in coarse[:MOST_LOOKED_AT]]
+    near = [one for one in fine if one.distance_km <= DEEP * one.capture_radius_km]
+    minima = sorted(near, key=lambda one: one.distance_km)[:MOST_MINIMA]
     return Line(
         course=course, string=string, sigmas=sigmas, cloud=cloud, minima=tuple(minima), why_straight=why_straight,
-        corrected=corrected, strings=[string],
+        corrected=corrected, strings=[string], spacing_km=length / (len(sigmas) - 1),
     )  # fmt: skip
 
 
@@ -156,6 +170,14 @@ def _string(course: Course, direction: Array, corrected: Corrected | str) -> tup
         return corrected(direction), ""
     except InputError as error:
         return String.straight(direction), str(error)
+
+
+def _stretching(course: Course, nominal: Trajectory, direction: Array) -> float:
+    """How far one sigma of a direction moves the orbit along its track at most, km, at any time."""
+    at = nominal.at(np.linspace(0.0, nominal.span_s[1], TIMES))
+    moved = np.concatenate([at.Phi[:, :3], at.zeta[:, :3]], axis=2) @ (course.orbit.factor @ direction)
+    speed = np.linalg.norm(at.state[:, 3:], axis=1)
+    return float(np.abs(np.sum(moved * at.state[:, 3:], axis=1) / speed).max())
 
 
 def weak_direction(course: Course, nominal: Trajectory, about_s: float) -> Array:
@@ -173,22 +195,36 @@ def _strung(course: Course, string: String, sigmas: Array) -> Array:
     return deviations
 
 
-def _lowest(sigmas: Array, passage: Passage) -> list[tuple[float, float, float, Passage]]:
-    """Points of the string nearer than their neighbours at one encounter: distance, sigma, spacing."""
-    distance = np.linalg.norm(passage.xi_zeta_km, axis=1)
+def lowest_points(sigmas: Array, passage: Passage) -> list[tuple[float, float, float, Passage]]:
+    """Points of the string nearer than their neighbours at one encounter, the target in reach between them.
+
+    Of each how near the string may come, its sigma, the spacing. A neighbour without the encounter may be anywhere.
+    """
+    points = passage.xi_zeta_km
+    distance = np.linalg.norm(points, axis=1)
     held = np.where(np.isfinite(distance), distance, np.inf)
     before, after = np.concatenate([[np.inf], held[:-1]]), np.concatenate([held[1:], [np.inf]])
     found = []
     for k in np.flatnonzero(np.isfinite(held) & (held <= before) & (held < after)):
-        slope = min(abs(held[k] - one) for one in (before[k], after[k]))
-        if held[k] - (slope if np.isfinite(slope) else held[k]) <= DEEP * passage.capture_radius_km:
-            found.append((float(held[k]), float(sigmas[k]), float(sigmas[1] - sigmas[0]), passage))
+        beside = [points[j] for j in (k - 1, k + 1) if 0 <= j < len(points) and np.isfinite(held[j])]
+        bend = float(np.linalg.norm(beside[0] - 2.0 * points[k] + beside[1])) / 8.0 if len(beside) == 2 else held[k]
+        least = max(min((_to_origin(points[k], one) for one in beside), default=0.0) - bend, 0.0)
+        if least <= DEEP * passage.capture_radius_km:
+            found.append((least, float(sigmas[k]), float(sigmas[1] - sigmas[0]), passage))
     return found
 
 
-def _refined(course: Course, string: String, lowest: float, middle: float, half: float, passage: Passage) -> Minimum:
-    """The point of the string nearest to the body, by finer and finer strings."""
-    last = min(passage.epoch + GAP_S, course.last)
+def _to_origin(one: Array, other: Array) -> float:
+    """Distance of the origin from the segment between two points (2,)."""
+    along = other - one
+    size = float(along @ along)
+    part = 0.0 if size == 0.0 else min(max(float(-(one @ along)) / size, 0.0), 1.0)
+    return float(np.linalg.norm(one + part * along))
+
+
+def _refined(course: Course, string: String, middle: float, half: float, passage: Passage) -> Minimum:
+    """The point of the string nearest to the body, by finer and finer strings; until it is out of reach."""
+    last, lowest, radius = min(passage.epoch + GAP_S, course.last), np.inf, passage.capture_radius_km
     for _ in range(ROUNDS):
         near = middle + half * np.linspace(-1.0, 1.0, FINE)
         fine = _passage(course.fly(_strung(course, string, near), None, last), passage.body, passage.epoch)
@@ -199,9 +235,11 @@ def _refined(course: Course, string: String, lowest: float, middle: float, half:
             break
         best = int(np.nanargmin(reach))
         middle, half, lowest = float(near[best]), half / 4.0, float(reach[best])
+        apart = np.linalg.norm(np.diff(fine.xi_zeta_km, axis=0), axis=1)[max(best - 1, 0) : best + 1]
+        if apart.max() < ONE * radius or lowest - 2.0 * apart.max() > DEEP * radius:
+            break
     return Minimum(
-        body=passage.body, epoch=passage.epoch, sigma=middle, distance_km=lowest,
-        capture_radius_km=passage.capture_radius_km,
+        body=passage.body, epoch=passage.epoch, sigma=middle, distance_km=lowest, capture_radius_km=radius
     )  # fmt: skip
 
 

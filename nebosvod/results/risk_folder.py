@@ -24,6 +24,7 @@ from nebosvod.results.approaches_folder import row_of
 from nebosvod.results.orbit_folder import SCHEMA_VERSION, columns, orbit_row
 from nebosvod.results.result import Result
 from nebosvod.timescale import SECONDS_PER_DAY
+from nebosvod.units import AU_KM
 
 KIND = "risk"
 DESCRIPTION = "Virtual impactors: body, time, probability of the recommended way with its 95 % interval, scales"
@@ -199,6 +200,11 @@ def _warnings(orbit: UncertainOrbit, found: Risk, bodies: list[str]) -> list[str
     said, cloud = [*orbit.notices], found.cloud
     if found.no_line:
         said.append(f"no line of variations: {found.no_line}")
+    if found.line is not None and found.line.coarse:
+        said.append(
+            f"orbits of the line of variations are up to {found.line.spacing_km / AU_KM:.2g} au apart: it may step "
+            "over an impact that no drawn orbit has"
+        )
     if cloud.lost:
         first = next(iter(cloud.lost.values()))
         said.append(

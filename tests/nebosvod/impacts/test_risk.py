@@ -359,6 +359,30 @@ def test_2024_yr4_may_hit_the_moon_and_not_the_earth(tmp_path: Path, capsys: pyt
 
 
 @needs_data
+@pytest.mark.long
+def test_2023_dw_after_a_week_has_the_chance_that_was_published(tmp_path: Path) -> None:
+    """62 records of 26 February to 4 March 2023: 1/625 by ESA, at 21:44 UTC of 2046-02-14, 1/607 and 1/560 by JPL.
+
+    Torino 1; the linear target plane knows nothing of it, for the path bends by five radii of the Earth.
+    """
+    lines = (DATA.parent / "observations" / "2023DW.obs80").read_text("utf-8").splitlines()
+    week = [line for line in lines if line[15:25] <= "2023 03 04"]
+    assert len(week) == 62
+    (tmp_path / "dw.obs80").write_text("\n".join(week) + "\n", "utf-8")
+    (tmp_path / "dw.yaml").write_text("schema_version: 1\nname: dw\nfit: {observations: [dw.obs80]}\n", "utf-8")
+    assert main(["fit", str(tmp_path / "dw.yaml"), "-o", str(tmp_path / "fit")]) == 0
+    asked = ["risk", str(tmp_path / "fit"), "--until", "2047-01-01", "--draws", "2000", "-o", str(tmp_path / "risk")]
+    assert main(asked) == 0
+    (one,) = json.loads((tmp_path / "risk" / "summary.json").read_text("utf-8"))["virtual_impactors"]
+    assert one["epoch_utc"].startswith("2046-02-14T21:4")
+    assert 1.0 / 750.0 < one["probability"] < 1.0 / 520.0
+    assert way(one, "line_of_variations")["probability"] == pytest.approx(one["probability"], rel=0.1)
+    assert way(one, "linear")["probability"] < 1e-6
+    assert one["torino"] == 1
+    assert one["corridor"]["ground"]["speed_km_s"] == pytest.approx(15.43, abs=0.1)
+
+
+@needs_data
 def test_apophis_in_2029_has_the_ellipse_of_its_draws_and_no_impact(bodies: Ephemeris) -> None:
     """JPL's covariance: drawn orbits of the target plane have the moments of the linear ellipse."""
     orbit, last = read_orbit(DATA / "sbdb" / "99942_phys.json"), Epoch.parse("2029-04-15 UTC")
