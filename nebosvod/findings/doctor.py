@@ -67,12 +67,12 @@ def sentence(epoch: Epoch, one: BiasTest) -> str:
     bias, sigma = found.bias_rad / ARCSEC, found.sigma_rad / ARCSEC
     since = "" if found.since_s is None else f" since {(epoch + found.since_s).iso(digits=0)}"
     size = ", ".join(f"{axis} {b:+.3g} +- {s:.2g}" for axis, b, s in zip(("RA*", "Dec"), bias, sigma))
-    known = " (the model has one)" if one.modelled and found.since_s is None else ""
-    return (
-        f"{one.telescope} has a bias{since}: {size} arcsec, by chance {found.chance:.1g}{known}; estimated with the "
-        f"orbit it would move the position at the reference epoch by {found.shift_km:.3g} km, "
-        f"{found.shift_sigmas:.2g} sigmas"
-    )
+    moved = f"{found.shift_km:.3g} km, {found.shift_sigmas:.2g} sigmas"
+    if one.modelled and found.since_s is None:
+        what = f"it is estimated with the orbit, which without it would be off at the reference epoch by {moved}"
+    else:
+        what = f"estimated with the orbit it would move the position at the reference epoch by {moved}"
+    return f"{one.telescope} has a bias{since}: {size} arcsec, by chance {found.chance:.1g}; {what}"
 
 
 def orbital_periods(scene: Scene) -> list[tuple[str, float]]:

@@ -249,6 +249,7 @@ def _found(
     return {
         "schema_version": SCHEMA_VERSION,
         "mission": scene.mission.name,
+        "mission_sha256": scene.mission.sha256,
         "title": scene.mission.title or scene.mission.name,
         "object": scene.mission.object.name,
         "prediction": {"name": asked.request.name, "plane": asked.request.plane, "epoch_tdb": asked.epoch.iso()},

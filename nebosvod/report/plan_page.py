@@ -13,9 +13,11 @@ from nebosvod.report.kit.chart import Chart
 from nebosvod.report.kit.download import csv
 from nebosvod.report.kit.plate import BLUE, GREY, INK, SERIES, Plate
 from nebosvod.report.kit.scale import linear
+from nebosvod.report.kit.stamp import stamp
 from nebosvod.report.kit.wording import NBSP, join, quantity
 from nebosvod.report.run.tables import Cell, Table
 from nebosvod.timescale import SECONDS_PER_DAY
+from nebosvod.version import __version__
 
 Item = Mapping[str, Any]
 
@@ -26,6 +28,7 @@ def make_plan_page(found: Item) -> str:
     return render(
         "plan.html",
         kind="Plan of measurements",
+        stamp=stamp({"versions": {"nebosvod": __version__}, **found}),
         title=found["title"],
         found=found,
         said=said[0].upper() + said[1:] + ".",

@@ -58,7 +58,7 @@
 
   // Householder QR of many rows, a chunk at a time: the upper triangle stays
   class Triangle {
-    constructor(size, width) { this.size = size; this.width = width; this.rows = []; this.room = Math.max(64, 2 * width); }
+    constructor(size, width) { this.size = size; this.width = width; this.rows = []; this.room = Math.max(64, 3 * width); }  // many at once: less is done twice
     push(row) { this.rows.push(row); if (this.rows.length >= this.room + this.width) this.reduce(); }
     reduce() {
       const A = this.rows, m = A.length, w = this.width;
@@ -246,9 +246,10 @@
     free.forEach((c, i) => { T[c][i] = 1; });
     for (const one of priors) one.inside.forEach((c, i) => { for (let j = 0; j <= i; j++) T[c][one.first + j] = one.L[i][j]; });
     const width = sy + out.length;
+    const few = est.map(c => [c, [...T[c].keys()].filter(j => T[c][j] !== 0)]);  // a block of a prior, or a single one
     const spread = row => {  // H row (s) -> [H T | H_out]
       const made = new Float64Array(width);
-      for (const c of est) { const h = row[c], t = T[c]; if (h !== 0) for (let j = 0; j < sy; j++) made[j] += h * t[j]; }
+      for (const [c, at] of few) { const h = row[c], t = T[c]; if (h !== 0) for (const j of at) made[j] += h * t[j]; }
       out.forEach((c, j) => { made[sy + j] = row[c]; });
       return made;
     };

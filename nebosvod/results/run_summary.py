@@ -18,6 +18,7 @@ from nebosvod.estimation.problem.square_root import lower_factor
 from nebosvod.findings.assessment import Findings
 from nebosvod.findings.blame import LARGE
 from nebosvod.findings.impacts import impacts_of
+from nebosvod.findings.kinds import kind_of
 from nebosvod.findings.prediction import existing
 from nebosvod.mission.parameter import MAGNITUDE
 from nebosvod.observation import Telescope
@@ -34,6 +35,7 @@ from nebosvod.units import ARCSEC
 
 Array = npt.NDArray[np.float64]
 SCHEMA_VERSION = 1
+NAMED = 2  # estimators named in a warning about several
 UNDRAWN = "no error was drawn: what is measured is what the reference orbit shows"
 
 
@@ -267,22 +269,41 @@ def _warnings(scene: PlannedScene, fits: Sequence[Fit], findings: Findings) -> l
             said.append(f"{fit.estimator.name}: {fit.message}")
         said += [f"{fit.estimator.name}: {note}" for note in fit.estimate.notes]
         said += [f"{fit.estimator.name}: {note}" for note in mean_error_notes(fit)]
-        fixed = [
-            parameter.group
-            for parameter in scene.mission.free_parameters
-            if parameter.treatment != "fixed" and scene.mission.treatment(fit.estimator, parameter.group) == "fixed"
-        ]
-        fixed += [
-            source.name
-            for source in scene.sources.values()
-            if source.error.treatment != "fixed" and scene.mission.source_treatment(fit.estimator, source) == "fixed"
-        ]
-        if fixed:
-            said.append(
-                f"{fit.estimator.name} holds {', '.join(fixed)} fixed although the mission calls that uncertain: its "
-                "error is missing from that estimator's accuracy (use ignored or considered to count it)"
-            )
-    return said
+    return said + fixed_notes(scene, fits)
+
+
+def fixed_notes(scene: PlannedScene, fits: Sequence[Fit]) -> list[str]:
+    """One sentence on the estimators that hold fixed what the mission calls uncertain; none where none does."""
+    held = {fit.estimator.name: kinds for fit in fits if (kinds := _held(scene, fit))}
+    if not held:
+        return []
+    every = list(dict.fromkeys(kind for kinds in held.values() for kind in kinds))
+    always = [kind for kind in every if all(kind in kinds for kinds in held.values())]
+    sometimes = [kind for kind in every if kind not in always]
+    what = ", ".join(always) + (f"; some of them {', '.join(sometimes)}" if always and sometimes else "")
+    if len(held) == 1:
+        return [f"{next(iter(held))} holds fixed {what}: its accuracy leaves their errors out"]
+    names = ", ".join([*held][:NAMED]) + (", ..." if len(held) > NAMED else "")
+    return [
+        f"{len(held)} estimators ({names}) hold fixed {what or 'one or another of ' + ', '.join(sometimes)}: their "
+        "accuracy leaves those errors out"
+    ]
+
+
+def _held(scene: PlannedScene, fit: Fit) -> list[str]:
+    """Kinds of what is uncertain by the mission and fixed by an estimator."""
+    mission, estimator = scene.mission, fit.estimator
+    kinds = [
+        parameter.group
+        for parameter in mission.free_parameters
+        if parameter.treatment != "fixed" and mission.treatment(estimator, parameter.group) == "fixed"
+    ]
+    kinds += [
+        kind_of(source.name, [telescope.name for telescope in scene.telescopes])
+        for source in scene.sources.values()
+        if source.error.treatment != "fixed" and mission.source_treatment(estimator, source) == "fixed"
+    ]
+    return list(dict.fromkeys(kinds))
 
 
 def mean_error_notes(fit: Fit) -> list[str]:

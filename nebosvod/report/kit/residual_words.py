@@ -5,11 +5,15 @@ from markupsafe import Markup
 from nebosvod.report.kit.wording import NBSP, TIMES, number, quantity
 from nebosvod.results.agreement import Agreement
 
+NOTHING = 1e-6  # of the stated noise
+
 
 def brief_words(found: Agreement) -> str:
     """The same in a clause: `residuals are 5.0 × smaller than their noise: it is overstated`."""
     if found.where == "inside":
         return "residuals are as large as expected"
+    if found.factor < NOTHING:
+        return "residuals are next to nothing, so the stated noise is not theirs"
     size = number(found.factor if found.where == "above" else 1.0 / found.factor, 2) + NBSP + TIMES
     if found.where == "above":
         return f"residuals are {size} larger than the stated noise, which is too small or not all there is"
@@ -23,6 +27,8 @@ def interval_words(found: Agreement, dof: int) -> Markup:
     )
     if found.where == "inside":
         return text
+    if found.factor < NOTHING:
+        return text + " Residuals as small as that belong to no measurements with the stated noise."
     if found.where == "below":
         return text + (
             f" The residuals are smaller than the noise model says: the noise is overstated, and with it every sigma, "

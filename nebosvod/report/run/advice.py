@@ -136,7 +136,7 @@ def limit_table(run: RunFolder) -> Table | None:
         cells += [quantity(one.get(k)) for k in RATIOS]
         cells.append(quantity(one.get("sigma_equivalent_arcsec"), "arcsec"))
         cells += [quantity(one.get(f"sigma_z_critical_{k}_km"), "km") for k in ("min", "max")]
-        cells += [quantity(v, "km") for v in one["sigma_z_limit_km"].values()]
+        cells += [_both_limits(one, key, limit) for key, limit in one["sigma_z_limit_km"].items()]
         rows.append(tuple(cells))
     if not rows:
         return None
@@ -144,11 +144,30 @@ def limit_table(run: RunFolder) -> Table | None:
     return Table(
         caption="Noise-to-nuisance ratio, dB (each measurement by itself; with all nuisances; counted with all that a "
         "common nuisance touches; whitened), the sigma of one measurement with its nuisances, and the telescope "
-        "position sigma that is as large as the noise, or keeps the ratio at a limit for the median measurement",
+        "position sigma that is as large as the noise, or alone keeps the ratio at a limit: above for the median "
+        "measurement, below for the mean ratio, in which the measurements nearest to the object count most",
         head=("telescope", "mean ratio", "with all", "effective", "whitened", "noise and nuisances", "critical, least",
               "critical, most", *limits),
         align="l" + "r" * (7 + len(limits)), rows=tuple(rows),
     )  # fmt: skip
+
+
+def _both_limits(one: Item, key: str, median_km: float | None) -> Markup:
+    """The position sigma for a limit of the ratio: for the median measurement, and for the mean of all."""
+    by_mean = mean_limit_km(one, float(key.removesuffix("_dB")))
+    return quantity(median_km, "km") if by_mean is None else Markup("{}<br>{}").format(
+        quantity(median_km, "km"), quantity(by_mean, "km"))  # fmt: skip
+
+
+def mean_limit_km(one: Item, limit_db: float) -> float | None:
+    """The position sigma that, as the only nuisance, makes the mean ratio of noise to nuisance as large as a limit.
+
+    Notes
+    -----
+    The mean is a ratio of sums, so the sigma that stands for all nuisances together is scaled by what is missing.
+    """
+    size, now = one.get("sigma_z_equivalent_km"), one.get("eta_db_mean")
+    return float(size * 10.0 ** ((now - limit_db) / 20.0)) if finite(size) and finite(now) else None
 
 
 def remedy_sentence(run: RunFolder, main: Item) -> Markup | None:

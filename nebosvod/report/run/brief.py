@@ -6,7 +6,7 @@ from nebosvod.report.kit import short, wording
 from nebosvod.report.kit.facts import formal_ratio, grouped, leading, position_shares, size
 from nebosvod.report.kit.residual_words import brief_words
 from nebosvod.report.kit.wording import NBSP, count, join, number, percent, product, quantity
-from nebosvod.results.agreement import agreement
+from nebosvod.results.agreement import Agreement, agreement
 from nebosvod.results.folder import Item, RunFolder
 from nebosvod.results.outlook import unit_of
 
@@ -107,7 +107,7 @@ def _worries(run: RunFolder, main: Item, why: bool) -> list[Markup | str]:
 
 def _grounds(run: RunFolder, main: Item) -> list[Markup | str]:
     """What residuals and second-order terms say."""
-    return [one for one in (_residuals(main), _linear(run, main)) if one]
+    return [one for one in (_residuals(run, main), _linear(run, main)) if one]
 
 
 def _why(main: Item) -> str:
@@ -117,9 +117,14 @@ def _why(main: Item) -> str:
     return f" (not in its weights: {named})" if left_out else ""
 
 
-def _residuals(main: Item) -> str:
+def residuals_of(run: RunFolder, main: Item) -> Agreement | None:
+    """How the residuals agree with the noise; None where none was drawn, and they tell nothing."""
+    return agreement(main.get("chi2"), main.get("dof")) if run.manifest.get("drawn", True) else None
+
+
+def _residuals(run: RunFolder, main: Item) -> str:
     """Whether the residuals are as large as the noise model says."""
-    found = agreement(main.get("chi2"), main.get("dof"))
+    found = residuals_of(run, main)
     return "" if found is None else brief_words(found)
 
 

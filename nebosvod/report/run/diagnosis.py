@@ -62,7 +62,7 @@ def bias_table(run: RunFolder) -> Table | None:
         "of several moments)"
         + (f"; {len(tests) - len(chosen)} more were asked and have none" if len(tests) > len(chosen) else ""),
         head=("telescope", "bias", "since", "RA cos Dec, Dec", "1σ", "drop of χ²", "by chance", "found",
-              f"found with 90{NBSP}% from", "would move the orbit"),
+              f"found with 90{NBSP}% from", "moves the orbit by"),
         align="lllrrrrlrr", rows=tuple(rows),
     )  # fmt: skip
 

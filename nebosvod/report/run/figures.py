@@ -271,10 +271,12 @@ def _nuisance_caption(run: RunFolder, block: Item, values: Array, critical: Arra
     named = join(NUISANCES.get(group, group) for group in block.get("nuisances") or ["all"])
     text = Markup(
         "Power of the measurement noise over that of the nuisances ({}) in each measurement: {}{}dB on average (a "
-        "ratio of sums), {} to {}{}dB."
+        "ratio of sums), {}{}dB in the median one, {} to {}{}dB."
     ).format(
         named,
         quantity(block.get("eta_db_mean")),
+        NBSP,
+        quantity(float(np.nanmedian(values))),
         NBSP,
         quantity(float(np.nanmin(values))),
         quantity(float(np.nanmax(values))),

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from markupsafe import Markup, escape
 
-from nebosvod.report.kit import wording
+from nebosvod.report.kit import short, wording
 from nebosvod.report.kit.facts import (
     LEADING,
     earlier_orbit,
@@ -25,7 +25,6 @@ from nebosvod.report.kit.residual_words import interval_words
 from nebosvod.report.kit.wording import count, join, percent, product, quantity, series
 from nebosvod.report.run import brief
 from nebosvod.report.run.brief import AGREE, HELD_AT_3_SIGMA
-from nebosvod.results.agreement import agreement
 from nebosvod.results.folder import Item, RunFolder
 from nebosvod.results.outlook import unit_of
 
@@ -73,7 +72,7 @@ def verdict(
         return Verdict(headline=_no_answer(run), answers=(("Why", tuple(_failures(run))),), tone="bad")
     own, honest = _trust(main)
     off = _mean_error(main)
-    fit, fits = _fit(main)
+    fit, fits = _fit(run, main)
     others = [_trust(e)[0] for e in run.estimators if _misleads(e) and not _alike(e, main)]
     every = all(e["status"] == "converged" for e in run.estimators)
     good = honest and off is None and fits and every and sound and not run.unanswered
@@ -101,15 +100,23 @@ def _headline(run: RunFolder, main: Item) -> Markup:
         first = predictions[0]
         where = wording.plane_name(first["plane"], first.get("body"))
         what = Markup("{} on {}: {} at 1σ").format(_capital(where), wording.date(when(first)), size(first))
+        plain = Markup("{}.").format(what)
         if (first.get("nonlinearity") or {}).get("misleads"):
+            plain = Markup("The linear ellipse misleads here: {}.").format(what)
             what = Markup("{} by the linear ellipse, which misleads here").format(what)
         shares = [(row["source"], row["share_total"]) for row in first.get("budget") or []]
     else:
         what = Markup("Position known to {} at 1σ").format(quantity(main["sigma_position_km"], "km"))
+        plain = Markup("{}.").format(what)
         shares = position_shares(run, main)
     if not shares:
         return Markup("{}.").format(what)
-    return Markup("{}; {}.").format(what, blame_of(shares, run.telescopes, "that variance"))
+    whole = Markup("{}; {}.").format(what, blame_of(shares, run.telescopes, "that variance"))
+    (kind, share, _), *_ = grouped(shares, run.telescopes)
+    shorter = Markup("{}; {} {} of that variance.").format(what, kind, percent(share))
+    return short.first_that_fits(
+        whole, shorter, Markup("{}.").format(what), plain, wide_px=short.HEADLINE_PX, look=short.HEADLINE
+    )
 
 
 def blame_of(shares: list[tuple[str, float]], telescopes: list[str], what: str) -> Markup:
@@ -269,9 +276,9 @@ def _mean_error(main: Item) -> Markup | None:
     ).format(main["name"], join(main["mean_error_by_source_km_km_s"]), series(mean[:3], "km"))
 
 
-def _fit(main: Item) -> tuple[Markup | None, bool]:
+def _fit(run: RunFolder, main: Item) -> tuple[Markup | None, bool]:
     """chi2 per degree of freedom against its 99 % interval."""
-    found = agreement(main.get("chi2"), main.get("dof"))
+    found = brief.residuals_of(run, main)
     return (None, True) if found is None else (interval_words(found, int(main["dof"])), found.where == "inside")
 
 

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from nebosvod.cli import main
 from nebosvod.engine.fitting import Fit, fit
 from nebosvod.engine.truth import draw
 from nebosvod.findings.bias_tests import LEVEL, NOTHING, bias_tests
-from nebosvod.findings.doctor import Diagnosis, diagnose, orbital_periods, rhythm_words
+from nebosvod.findings.doctor import Diagnosis, diagnose, orbital_periods, rhythm_words, sentence
 from nebosvod.findings.residual_tests import residual_tests, worst_of_state
 from nebosvod.mission import Mission, load_mission, load_mission_text
 from nebosvod.pipeline import run
@@ -80,6 +81,9 @@ def test_a_constant_bias_is_told_from_one_that_appears(make_setting: MakeSetting
     assert second.verdict == "constant"
     assert first.verdict == NOTHING
     assert not second.modelled
+    assert "estimated with the orbit it would move the position" in sentence(scene.epoch, second)
+    known = sentence(scene.epoch, replace(second, modelled=True))  # nothing would move: it is done
+    assert "it is estimated with the orbit, which without it would be off" in known
     np.testing.assert_allclose(
         second.leading.bias_rad / ARCSEC, [0.4, 0.0], atol=4 * second.leading.sigma_rad.max() / ARCSEC
     )

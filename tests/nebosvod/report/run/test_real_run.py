@@ -9,8 +9,10 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
 
+import numpy as np
 import pytest
 
+from nebosvod.report.run.advice import mean_limit_km
 from nebosvod.report.run.ledger import best_remedy, ledgers
 from nebosvod.report.run.page import make_report
 from nebosvod.report.run.visibility import read_visibility
@@ -151,3 +153,19 @@ def test_page_stays_light_and_quick(page: str, real_folder: Path) -> None:
     make_report(real_folder)
     assert time.process_time() - start < 0.6  # 0.1 s on the machine it was written on
     assert len(page.encode()) < 600_000
+
+
+def test_the_position_limit_by_the_mean_gives_that_mean_and_the_median_another(real_folder: Path, page: str) -> None:
+    """By the measurements' own noise and partials (numpy): both stand in the table, and what each is for."""
+    run = read_folder(real_folder)
+    block, R, H_z = run.summary["noise_to_nuisance"], run.arrays["R"], run.arrays["H_z"]
+    noise, moved = np.einsum("nii->n", R), np.sum(H_z**2, axis=(1, 2))
+    for limit in (0.0, 20.0):
+        z_km = mean_limit_km(block, limit)
+        assert z_km is not None
+        assert 10.0 * np.log10(noise.sum() / (z_km**2 * moved.sum())) == pytest.approx(limit, abs=1e-3)
+        median_km = block["sigma_z_limit_km"][f"{limit:g}_dB"]
+        assert np.median(10.0 * np.log10(noise / (median_km**2 * moved))) == pytest.approx(limit, abs=1e-3)
+    table = page[page.index('id="table-limits"') :].split("</table>")[0]
+    assert "above for the median" in table
+    assert f'value="{mean_limit_km(block, 20.0)!r}"' in table

@@ -230,3 +230,30 @@ def test_the_answer_under_each_question_is_short_and_says_why_a_sigma_is_not_to_
     bent = {**p, "nonlinearity": {"misleads": True, "measure": 2.0}, "monte_carlo": {"semi_axes_km": [7.0, 3.0]}}
     accurate = dict(verdict(changed(run, predictions=[bent])).answers)["How accurate"][0].striptags()
     assert "drawn orbits spread over 7.00 × 3.00 km" in accurate.replace("\N{NO-BREAK SPACE}", " ")
+
+
+@pytest.mark.parametrize(
+    ("ratio", "tone", "said"),
+    [
+        (1.0, "good", "residuals are as large as expected"),
+        (0.04, "caution", "residuals are 5.0 × smaller than the stated noise, which is overstated"),
+        (25.0, "caution", "residuals are 5.0 × larger than the stated noise"),
+        (0.0, "caution", "residuals are next to nothing"),
+    ],
+)
+def test_residuals_too_small_are_as_doubtful_as_too_large_ones(
+    run: RunFolder, ratio: float, tone: str, said: str
+) -> None:
+    batch = {**run.estimators[0], "chi2": ratio * run.estimators[0]["dof"]}
+    told = verdict(changed(run, estimators=[batch]))
+    assert told.tone == tone
+    assert said in dict(told.answers)["Can it be believed"][0].striptags()
+
+
+def test_without_drawn_errors_residuals_tell_nothing(run: RunFolder) -> None:
+    """`run --nominal`: what is measured is what the reference orbit shows."""
+    batch = {**run.estimators[0], "chi2": 0.0}
+    nominal = replace(changed(run, estimators=[batch]), manifest={**run.manifest, "drawn": False})
+    told = verdict(nominal)
+    assert told.tone == "good"
+    assert "residual" not in dict(told.answers)["Can it be believed"][0]
