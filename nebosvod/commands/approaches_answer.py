@@ -18,6 +18,11 @@ def amount(value: float) -> str:
     return f"{value:,.0f}" if abs(value) >= 1000.0 else f"{value:.3g}"
 
 
+def length(km: float) -> str:
+    """Four digits, and of long ones those before the point: 23,930, not 2.393e+04."""
+    return f"{float(f'{km:.4g}'):,.0f}" if km >= 1e4 else f"{km:.4g}"
+
+
 def lasting(seconds: float) -> str:
     """A sigma of time."""
     for unit, size in (("d", 86400.0), ("h", 3600.0), ("min", 60.0)):
@@ -49,7 +54,9 @@ def print_approaches(summary: Mapping[str, Any], folder: Path | None) -> None:
     """Print the orbit, the table, and what a reader must know."""
     orbit, rows = summary["orbit"], summary["approaches"]
     click.echo(f"{summary['object']}; orbit: {orbit['origin']}")
-    click.echo(f"position known to {orbit['sigma_position_km']:.4g} km (1 sigma, root trace) at {orbit['epoch_tdb']}")
+    click.echo(
+        f"position known to {length(orbit['sigma_position_km'])} km (1 sigma, root trace) at {orbit['epoch_tdb']}"
+    )
     for text in summary["warnings"]:
         click.echo(f"notice: {text}", err=True)
     span = f"from {summary['from_utc'][:10]} to {summary['to_utc'][:10]}"

@@ -6,6 +6,7 @@ from typing import Any
 
 import click
 
+from nebosvod.commands.approaches_answer import length
 from nebosvod.errors import InputError
 from nebosvod.mission.fields import observation_time
 from nebosvod.timescale import Epoch
@@ -81,7 +82,9 @@ def print_ephemeris(summary: Mapping[str, Any], folder: Path | None) -> None:
     """Print the orbit, the table, and what a reader must know."""
     orbit, rows = summary["orbit"], summary["rows"]
     click.echo(f"{summary['object']} from {summary['observer']}; orbit: {orbit['origin']}")
-    click.echo(f"position known to {orbit['sigma_position_km']:.4g} km (1 sigma, root trace) at {orbit['epoch_tdb']}")
+    click.echo(
+        f"position known to {length(orbit['sigma_position_km'])} km (1 sigma, root trace) at {orbit['epoch_tdb']}"
+    )
     for text in summary["warnings"]:
         click.echo(f"notice: {text}", err=True)
     shown = [column for column in COLUMNS if not column[0] or any(row[column[0]] is not None for row in rows)]

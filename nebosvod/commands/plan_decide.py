@@ -14,6 +14,7 @@ from nebosvod.orbits.uncertain import UncertainOrbit
 from nebosvod.planning.coming import Watch
 from nebosvod.planning.decide import Wanted
 from nebosvod.planning.decision import advice, said_chance, said_share
+from nebosvod.results.ahead_words import CALLED
 from nebosvod.timescale import SECONDS_PER_DAY, Epoch
 from nebosvod.units import ANGLE, DURATION, Dimension, quantity
 
@@ -120,7 +121,7 @@ def print_decision(found: Mapping[str, Any], console: Console | None = None) -> 
     """Print the probability now, and what each visit may make of it."""
     out = console or Console(highlight=False, soft_wrap=True)
     out.print(f"[bold]{escape(found['title'])}[/bold]")
-    bodies = " or ".join(body.capitalize() for body in found["bodies"])
+    bodies = " or ".join(CALLED.get(body, body.capitalize()) for body in found["bodies"])
     out.print(escape(f"P = {chance_words(found['probability'])} to hit {bodies} until {found['until_utc'][:10]}"))
     headings = ("1 %", "10 %", "50 %", "90 %", "99 %", f"P < {found['below']:.2g}", f"P > {found['above']:.2g}")
     rows = table(

@@ -6,7 +6,7 @@ from typing import Any
 
 import click
 
-from nebosvod.commands.approaches_answer import lasting
+from nebosvod.commands.approaches_answer import lasting, length
 from nebosvod.commands.risk_history import print_history
 from nebosvod.dynamics.ephemeris import PLANETS
 from nebosvod.errors import InputError
@@ -78,7 +78,9 @@ def print_risk(summary: Row, folder: Path | None) -> None:
     """Print the orbit, each virtual impactor with its ways, and what a reader must know."""
     orbit = summary["orbit"]
     click.echo(f"{summary['object']}; orbit: {orbit['origin']}")
-    click.echo(f"position known to {_km(orbit['sigma_position_km'])} km (1 sigma, root trace) at {orbit['epoch_tdb']}")
+    click.echo(
+        f"position known to {length(orbit['sigma_position_km'])} km (1 sigma, root trace) at {orbit['epoch_tdb']}"
+    )
     for text in summary["warnings"]:
         click.echo(f"notice: {text}", err=True)
     for row in summary["virtual_impactors"]:
@@ -99,11 +101,6 @@ def print_risk(summary: Row, folder: Path | None) -> None:
         click.echo(f"report: {folder / 'report.html'}")
 
 
-def _km(length: float) -> str:
-    """Four digits, and of long ones those before the point: 23,930, not 2.393e+04."""
-    return f"{float(f'{length:.4g}'):,.0f}" if length >= 1e4 else f"{length:.4g}"
-
-
 def _impactor(row: Row) -> list[str]:
     """Lines of one virtual impactor."""
     when = row["epoch_utc"][:19].replace("T", " ")
@@ -115,7 +112,7 @@ def _impactor(row: Row) -> list[str]:
     for way in row["ways"]:
         said.append(f"    {WORDS[way['way']]:<21} {row_words(way)}{'; ' + way['note'] if way['note'] else ''}")
     if row["sigmas"] is not None:
-        stretched = "" if row["stretching_km"] is None else f", where one moves it by {_km(row['stretching_km'])} km"
+        stretched = "" if row["stretching_km"] is None else f", where one moves it by {length(row['stretching_km'])} km"
         said.append(f"  {row['sigmas']:.2f} sigmas along the line of variations{stretched}")
     if row["energy_mt"] is not None:
         scales = "" if row["palermo"] is None else f"; Palermo {row['palermo']:.2f}"

@@ -133,9 +133,11 @@ def _with_error(value: float, error: float) -> str:
 
 
 def _share_with_error(value: float, error: float) -> str:
-    return (
-        f"{100.0 * value:.2f} ± {100.0 * error:.2f} %" if value >= 1e-3 else f"{number(value, 2)} ± {number(error, 1)}"
-    )
+    """A probability with two digits of its error."""
+    if value < 1e-3:
+        return f"{number(value, 2)} ± {number(error, 1)}"
+    n = min(max(1 - math.floor(math.log10(100.0 * error)), 0), 5) if error > 0.0 else 2
+    return f"{100.0 * value:.{n}f} ± {100.0 * error:.{n}f} %"
 
 
 def encounter_table(row: Item) -> Table | None:

@@ -486,6 +486,16 @@ def test_bennu_in_2182_is_as_published_where_the_passage_of_2135_is(bodies: Ephe
     assert abs(one.sigmas_line) == pytest.approx(0.9, abs=0.2)
 
 
+@needs_data
+def test_an_end_amid_an_encounter_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+    """Half of the hits of 2024 YR4 on the Moon are later; where no orbit is drawn nothing knows of it."""
+    asked = ["risk", str(DATA / "neocc" / "2024YR4.ke0"), "--until", "2032-12-22T15:18:00", "--draws", "20"]
+    assert main([*asked, "--bodies", "moon"]) == 0
+    said = capsys.readouterr()
+    assert "notice: the Moon on 2032-12-22: --until is amid the encounter" in said.err
+    assert "linear target plane disagrees" in said.out
+
+
 # -- what is said ------------------------------------------------------------------------------------------------------
 
 
@@ -494,7 +504,9 @@ def test_no_hit_is_a_bound_and_never_zero(capsys: pytest.CaptureFixture[str]) ->
     asked = ["risk", str(DATA / "sbdb" / "433_phys.json"), "--until", "2025-01-01", "--draws", "100"]
     assert main(asked) == 0
     said = capsys.readouterr().out
-    assert "none of 100 drawn orbits hits, P < 0.03 (95 %)" in said
+    assert (
+        "no virtual impactor of the Earth or the Moon until 2025-01-01: none of 100 drawn orbits hits, P < 0.03" in said
+    )
 
 
 @needs_data

@@ -277,7 +277,7 @@ def test_the_budget_the_ways_and_the_history_are_there(page: str, summary: dict[
         assert figure(page, key)
     table = plain(page[page.index('id="table-budget-0"') :].split("</table>")[0].replace("<td", " <td"))
     p = summary["virtual_impactors"][0]["probability"]
-    assert f"star catalogue Gaia2 −0.30 ± 0.02 60 % {100.0 * 1.6 * p:.2f} ± 1.00 %" in " ".join(table.split())
+    assert f"star catalogue Gaia2 −0.30 ± 0.02 60 % {100.0 * 1.6 * p:.1f} ± 1.0 %" in " ".join(table.split())
     assert "only a bound" in figure(page, "chances-by-night")
 
 
