@@ -109,7 +109,8 @@ def required_table(run: RunFolder) -> Table | None:
         for growth in GROWTHS:
             one: Item = next((x for x in r["limits"] if x["growth_percent"] == growth), {})
             new, same = (one.get(f"sigma_position_{k}_gain_km") for k in ("new", "same"))
-            first = quantity(new, "km") if finite(new) else Markup("{}").format(one.get("reason") or DASH)
+            reason = Markup('<span class="said">{}</span>').format(one.get("reason") or DASH)
+            first = quantity(new, "km") if finite(new) else reason
             cells.append(Markup("{}<br>{}").format(first, quantity(same, "km")))
         rows.append(tuple(cells))
     if not rows:

@@ -14,7 +14,7 @@ from nebosvod.report.kit.download import csv
 from nebosvod.report.kit.plate import BLUE, GREEN, GREY, ORANGE, SERIES, VERMILION, Plate, thin
 from nebosvod.report.kit.sight import Cone, Marks, Sight, Thing, Track, draw, entries
 from nebosvod.report.kit.wording import number, quantity
-from nebosvod.report.run.near_earth import is_near, near_earth
+from nebosvod.report.run.near_earth import is_near, near_earth, shown_near
 from nebosvod.results.folder import Array, RunFolder
 from nebosvod.timescale import Epoch
 
@@ -292,7 +292,7 @@ def _caption(run: RunFolder) -> Markup:
     found, t = places_of(run), run.array("epoch_s")
     if found is None:
         return Markup("")
-    _, place, earth, index, seen = found
+    _, place, *_, seen = found
     ends = [float(np.linalg.norm(seen[k] - ecliptic_au(place[k]))) * AU_KM for k in (0, -1)]
     dates = [wording.date((run.epoch + float(t[k])).iso()) if t is not None else "" for k in (0, -1)]
     text = Markup("The asteroid is {} from the telescope at the first measurement ({}), {} at the last ({}).").format(
@@ -303,9 +303,8 @@ def _caption(run: RunFolder) -> Markup:
         text += Markup(" It goes round the Sun {} times meanwhile: measured places are dots, pale to dark.").format(
             number(turns, 2)
         )
-    near = [name for i, name in enumerate(run.telescopes)
-            if np.any(index == i) and is_near(place[index == i], earth[index == i])]  # fmt: skip
-    if near and near_earth(run) is not None:
+    near = [run.telescopes[i] for i in shown_near(run)]
+    if near:
         who = wording.join(near) if len(near) <= MOST_NAMED else wording.count(len(near), "telescope")
         text += Markup(
             " {} cannot be told from the Earth at the scale of orbits; the picture about it shows {}."

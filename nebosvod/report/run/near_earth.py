@@ -11,6 +11,7 @@ from nebosvod.report.kit.sight import Cone, Disc, Marks, Sight, Thing, Track
 from nebosvod.results.folder import Array, RunFolder
 
 NEAR_KM = 0.06 * AU_KM  # nearer than this a telescope stands in the picture about the Earth
+GROUND = 1.02  # Earth radii, up to which a telescope is a station on the ground
 MOON_KM, LAGRANGE_KM = 384400.0, 1.4966e6
 RESOLVED = 0.4  # of its distance: a telescope that moves less between two measurements is drawn as a line
 SIZES = (5.4, 3.0, 3.6, 3.0, 3.0, 3.0)
@@ -28,11 +29,7 @@ def near_earth(run: RunFolder) -> Sight | None:
     at = state[:, :3] if state is not None else fitted
     if place is None or earth is None or index is None or at is None:
         return None
-    near = [
-        i for i in range(len(run.telescopes)) if np.any(index == i) and is_near(place[index == i], earth[index == i])
-    ]
-    if state is None:  # of a fit: stations on the ground are told by their codes
-        near = [i for i in near if np.linalg.norm((place - earth)[index == i], axis=1).max() > 1.02 * EARTH_RADIUS_KM]
+    near = shown_near(run)
     if not near:
         return None
     turned = _turned(place - earth, earth)
@@ -52,6 +49,18 @@ def near_earth(run: RunFolder) -> Sight | None:
         names=(f"away from the Sun, {unit}", f"along the Earth's motion, {unit}", f"north, {unit}"),
         middle=np.zeros(2), half=half * factor, low=-reach, high=reach, things=things,
     )  # fmt: skip
+
+
+def shown_near(run: RunFolder) -> list[int]:
+    """Numbers of the telescopes that stand in the picture about the Earth; of a fit no stations on the ground."""
+    place, earth, index = (run.array(n) for n in ("telescope_position_km", "earth_position_km", "telescope_index"))
+    if place is None or earth is None or index is None:
+        return []
+    mine = {i: index == i for i in range(len(run.telescopes))}
+    near = [i for i, rows in mine.items() if np.any(rows) and is_near(place[rows], earth[rows])]
+    if run.array("state") is not None:
+        return near
+    return [i for i in near if np.linalg.norm((place - earth)[mine[i]], axis=1).max() > GROUND * EARTH_RADIUS_KM]
 
 
 def _turned(vectors: Array, earth: Array) -> Array:

@@ -6,6 +6,7 @@ import shutil
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from nebosvod.cli import main
@@ -99,3 +100,16 @@ def test_the_answer_names_the_stations_that_weigh_most(run: Path) -> None:
     )
     assert said is not None
     assert re.sub(r"<[^>]*>", "", said[1]).startswith(f"{first['source']} {100 * first['share_position']:.0f}\u00a0%")
+
+
+@needs_data
+def test_a_fit_shows_where_everything_was(run: Path) -> None:
+    """Distances from the places are those of the observations; the picture is the first figure."""
+    arrays = np.load(run / "arrays.npz")
+    apart = np.linalg.norm(arrays["object_position_km"] - arrays["telescope_position_km"], axis=1)
+    # at emission and at reception, about the Sun of each moment, which moves 13 m/s: 0.1 au are 50 s
+    np.testing.assert_allclose(apart, arrays["distance_km"], atol=5.0)
+    au = np.linalg.norm(arrays["earth_position_km"], axis=1) / 1.495978707e8
+    assert np.all((au > 0.983) & (au < 1.017))
+    page = (run / "report.html").read_text("utf-8")
+    assert page.index("Geometry from above and from the side") < page.index("Residuals in right ascension")

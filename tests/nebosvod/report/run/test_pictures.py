@@ -14,12 +14,17 @@ from matplotlib.image import imread
 from nebosvod import Result
 from nebosvod.dynamics.frames import R_ecliptic_from_icrf
 from nebosvod.errors import InputError
-from nebosvod.report.kit import planets
+from nebosvod.report.kit import planets, sight
+from nebosvod.report.kit.chart import Chart, Words
+from nebosvod.report.kit.short import width_px
 from nebosvod.report.run import geometry, near_earth, timeline
 from nebosvod.report.run.visibility import read_visibility
 from nebosvod.results.folder import RunFolder, read_folder
 
 AU_KM = 1.495978707e8
+
+
+GM = 1.32712440018e11  # km^3/s^2
 
 
 @pytest.fixture(scope="module")
@@ -136,3 +141,48 @@ def test_pictures_are_figures_of_matplotlib(real_folder: Path) -> None:
         result.plot.target_plane("moon")
     with pytest.raises(InputError, match="has no prediction in a target plane"):
         result.plot.target_plane()
+
+
+def test_an_arc_of_several_revolutions_is_dots_by_time_and_no_stripe(small: RunFolder) -> None:
+    """The same places over twenty times as long: four revolutions."""
+    a_km = 1.0 / (2.0 / np.linalg.norm(small.arrays["state"][0, :3]) - np.sum(small.arrays["state"][0, 3:] ** 2) / GM)
+    period_s = 2.0 * np.pi * np.sqrt(a_km**3 / GM)
+    t = small.arrays["epoch_s"]
+    long = replace(small, arrays={**small.arrays, "epoch_s": 20.0 * t})
+    assert 20.0 * np.ptp(t) / period_s > 3.0
+    names = {short: [one.name for one in _things(run)] for short, run in ((True, small), (False, long))}
+    assert any("measured arc" in name for name in names[True])
+    assert not any("measured arc" in name or "during" in name for name in names[False])
+    spans = [name for name in names[False] if name.startswith("measured ")]
+    assert len(spans) == len(geometry.SHADES)
+    dates = [date for name in spans for date in name.removeprefix("measured ").split(" to ")]
+    assert dates == sorted(dates)  # one after the other
+    caption = geometry.geometry_plate(long).caption  # type: ignore[union-attr]
+    assert f"goes round the Sun {20.0 * np.ptp(t) / period_s:.1f} times" in caption.striptags()
+
+
+def _things(run: RunFolder) -> list[Any]:
+    found = geometry._solar_system(run)
+    assert found is not None
+    return list(found.things)
+
+
+def test_words_beside_marks_cover_neither_marks_nor_each_other() -> None:
+    """Two marks side by side at the left edge, a third where the words of the first would stand."""
+    spots = np.array([[-0.9, 0.0, 0.0], [-0.8, 0.0, 0.0], [-0.7, 0.03, 0.0]])
+    things = [
+        sight.Marks(name="", points=spots[k : k + 1], marker="o", look={"color": "#000000"}, text="2029-04-13")
+        for k in (0, 1)
+    ] + [sight.Marks(name="", points=spots[2:], marker="o", look={"color": "#000000"})]
+    chart = Chart("labels", width=400.0, height=400.0)
+    shown = sight.Sight(names=("x", "y", "z"), middle=np.zeros(2), half=1.0, low=-0.1, high=0.1, things=things)
+    sight.draw(chart, shown, left=40.0, top=10.0, size=300.0, title="")
+    words = [one for one in chart.parts if isinstance(one, Words) and one.words.startswith("2029")]
+    boxes = [(one.x, one.y - 8.0, one.x + width_px(one.words, 10.5), one.y + 2.0) for one in words]
+    px, py = chart.panels[0].at(spots[:, 0], spots[:, 1])
+    assert len(boxes) == 2
+    for left, top, right, bottom in boxes:
+        assert left >= chart.panels[0].left
+        assert not any(left < x < right and top < y < bottom for x, y in zip(px, py))
+    (a, b, c, d), (e, f, g, h) = boxes
+    assert c <= e or g <= a or d <= f or h <= b
