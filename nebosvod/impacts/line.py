@@ -173,11 +173,16 @@ def _string(course: Course, direction: Array, corrected: Corrected | str) -> tup
 
 
 def _stretching(course: Course, nominal: Trajectory, direction: Array) -> float:
-    """How far one sigma of a direction moves the orbit along its track at most, km, at any time."""
-    at = nominal.at(np.linspace(0.0, nominal.span_s[1], TIMES))
+    """How far one sigma of a direction moves the orbit along its track at most, km, at any time.
+
+    Beyond the impact of an estimate that hits it is taken to grow with time.
+    """
+    span = nominal.span_s[1]
+    at = nominal.at(np.linspace(0.0, span, TIMES))
     moved = np.concatenate([at.Phi[:, :3], at.zeta[:, :3]], axis=2) @ (course.orbit.factor @ direction)
     speed = np.linalg.norm(at.state[:, 3:], axis=1)
-    return float(np.abs(np.sum(moved * at.state[:, 3:], axis=1) / speed).max())
+    longest = float(np.abs(np.sum(moved * at.state[:, 3:], axis=1) / speed).max())
+    return longest * max((course.last - course.orbit.epoch) / span, 1.0)
 
 
 def weak_direction(course: Course, nominal: Trajectory, about_s: float) -> Array:

@@ -83,7 +83,7 @@ def impactor_row(found: Risk, one: VirtualImpactor, number: int, size: Size | No
         "v_infinity_km_s": _finite(one.passage.v_infinity_km_s),
         "corridor": _corridor_row(corridor),
         "budget": None if budget is None else _budget_row(budget),
-        "no_budget": why_none(found.orbit) if budget is None else None,
+        "no_budget": why_none(found.orbit, one) if budget is None else None,
         "approach": None if one.approach is None else row_of(one.approach),
     }
 

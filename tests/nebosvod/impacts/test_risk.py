@@ -19,6 +19,7 @@ from nebosvod.dynamics import Ephemeris, ForceModel, find_encounters, propagate
 from nebosvod.dynamics.twobody import kepler
 from nebosvod.errors import ImpactError
 from nebosvod.impacts.approaches import approaches
+from nebosvod.impacts.budget import budget_of, why_none
 from nebosvod.impacts.cloud import draw
 from nebosvod.impacts.flight import Course
 from nebosvod.impacts.risk import Risk, risk
@@ -332,6 +333,16 @@ def test_importance_sampling_is_two_million_plain_draws_at_a_ten_thousandth(bodi
     assert abs(count / 2e6 - weighed.probability) < 3.0 * np.hypot(
         np.sqrt(count) / 2e6, (weighed.high - weighed.low) / 4
     )
+
+
+def test_a_certain_impact_hangs_on_nothing_that_draws_could_tell(bodies: Ephemeris) -> None:
+    """Ten kilometres wide and through the middle: each orbit hits, and noise of weights is no elasticity."""
+    orbit, when, _, _ = aimed(bodies, "earth", 5.0, 0.0, 10.0)
+    known = replace(orbit, sources={"noise": orbit.factor})
+    (one,) = risk(known, when + SECONDS_PER_DAY, bodies, draws=50, bodies=("earth",)).impactors
+    assert one.way.probability == 1.0
+    assert budget_of(known, one) is None
+    assert why_none(known, one).startswith("every drawn orbit hits")
 
 
 # -- orbits of others --------------------------------------------------------------------------------------------------
