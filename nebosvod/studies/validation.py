@@ -253,7 +253,7 @@ def _reason(found: EstimatorVerdict, runs: int) -> str:
         return f"its own method and one factorisation for all runs differ by {found.check_sigma:.2g} sigma"
     for name, judged in found.judged.items():
         if found.claims(name) and not judged.consistent:
-            return f"judged with K_{name}: {judged.verdict}"
+            return f"by its {name} covariance, {judged.verdict}"
     return ""
 
 
