@@ -91,7 +91,7 @@ def print_risk(summary: Row, folder: Path | None) -> None:
         where = " or ".join(CALLED.get(body, body.capitalize()) for body in summary["bodies"])
         click.echo(
             f"\nno virtual impactor of {where} until {summary['until_utc'][:10]}: none of "
-            f"{summary['n_draws']} drawn orbits hits, {bound}, and no other way finds one in reach of 7 sigma"
+            f"{summary['n_draws']} drawn orbits hits, {bound}; {_others(summary)}"
         )
     if summary["palermo_cumulative"] is not None and len(summary["virtual_impactors"]) > 1:
         click.echo(f"\nPalermo scale of all together {summary['palermo_cumulative']:.2f}")
@@ -99,6 +99,15 @@ def print_risk(summary: Row, folder: Path | None) -> None:
         print_history(summary["history"])
     if folder is not None:
         click.echo(f"report: {folder / 'report.html'}")
+
+
+def _others(summary: Row) -> str:
+    """How far the ways that draw nothing have looked."""
+    line = summary.get("line")
+    if line is None:
+        return "no other way looks for one"
+    ends = f"{line['from_sigmas']:.2g} to {line['to_sigmas']:.2g} sigmas"
+    return f"the line of variations from {ends} and the target planes of the estimate to 7 sigmas have none in reach"
 
 
 def _impactor(row: Row) -> list[str]:

@@ -105,6 +105,9 @@ def _answers(summary: Item, first: list[Item]) -> list[tuple[str, list[Cell]]]:
     if not first:
         drawn = summary["sampling"]
         told = f"None of {count(drawn['draws'], 'drawn orbit')} hits; they cannot see a probability below the bound."
+        if line := summary.get("line"):
+            ends = f"{line['from_sigmas']:.2g} to {line['to_sigmas']:.2g}".replace("-", "−")
+            told += f" The line of variations, from {ends} sigmas, has none in reach either, and would see rarer ones."
         return [*said, ("Can it be believed", [told])]
     row = first[0]
     said.append(("How accurate", nominal_words(row)))

@@ -518,6 +518,7 @@ def test_no_hit_is_a_bound_and_never_zero(capsys: pytest.CaptureFixture[str]) ->
     assert (
         "no virtual impactor of the Earth or the Moon until 2025-01-01: none of 100 drawn orbits hits, P < 0.03" in said
     )
+    assert "the line of variations from -5 to 5 sigmas and the target planes of the estimate to 7 sigmas" in said
 
 
 @needs_data
