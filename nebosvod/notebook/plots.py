@@ -189,6 +189,10 @@ class FitPlots(RunPlots):
         return self._first([fit_figures.correlation_plate(orbit["elements"])] if known else [], "no orbital elements")
 
 
+# names that answers share -> how those of their figures begin
+FIRST = {"target_plane": ("target", "plane"), "budget": ("budget", "shares", "blame")}
+
+
 class PagePlots(Plots):
     """Figures of another answer: those of its page, by their names."""
 
@@ -202,7 +206,9 @@ class PagePlots(Plots):
         return tuple(self._plates)
 
     def __dir__(self) -> list[str]:
-        return [*super().__dir__(), *self._plates]
+        """What Tab offers: figures that there are, not every one that another answer has."""
+        absent = {name for name, words in FIRST.items() if not self._beginning(words)}
+        return [name for name in {*super().__dir__(), *self._plates} if name not in absent]
 
     def __getattr__(self, name: str) -> Callable[[], PageFigure]:
         plates: Mapping[str, Plate] = self.__dict__.get("_plates", {})
@@ -212,16 +218,20 @@ class PagePlots(Plots):
 
     def _of(self, *beginnings: str) -> PageFigure:
         """The first figure whose name begins with one of some words."""
-        found = [plate for name, plate in self._plates.items() if name.startswith(beginnings)]
-        return self._first(found, f"no such figure (there are: {', '.join(self._plates) or 'none'})")
+        for plate in self._beginning(beginnings):
+            return figure_of(plate)
+        raise InputError(f"{self._owner}: has no such figure (there are: {', '.join(self._plates) or 'none'})")
+
+    def _beginning(self, beginnings: tuple[str, ...]) -> list[Plate]:
+        return [plate for name, plate in self._plates.items() if name.startswith(beginnings)]
 
     def target_plane(self) -> PageFigure:
         """The target plane of the first encounter, with the body to scale."""
-        return self._of("target", "plane")
+        return self._of(*FIRST["target_plane"])
 
     def budget(self) -> PageFigure:
         """What each source contributes."""
-        return self._of("budget", "shares", "blame")
+        return self._of(*FIRST["budget"])
 
 
 def texts(columns: Mapping[str, npt.NDArray[Any]]) -> Mapping[str, Sequence[str]]:

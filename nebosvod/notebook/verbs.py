@@ -5,38 +5,43 @@ folder, as their commands do, since they can be continued. What a command ends w
 what it refuses raises `nebosvod.errors.InputError`, which names the parameter.
 """
 
-import re
 import tempfile
 import time
-import warnings
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
-from functools import cache, wraps
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from pathlib import Path
-from typing import Any, ParamSpec, TypeVar
+from typing import Any, Literal
 
-import numpy as np
-
-from nebosvod import dynamics, pipeline
-from nebosvod.borders.compiled import kept
-from nebosvod.borders.quantities import duration_s, is_moment, is_quantity
+from nebosvod import pipeline
 from nebosvod.commands import alert_made, alert_work, fit_work, orbit_work, plan_decide
 from nebosvod.commands.orbit_work import Coordinates
 from nebosvod.commands.plan import planned
 from nebosvod.commands.workers import workers_from
-from nebosvod.errors import InputError, NebosvodError, NebosvodNotice
-from nebosvod.mission import FitMission, Mission, load_mission
-from nebosvod.mission.editing import plain
+from nebosvod.errors import InputError, NebosvodError
+from nebosvod.mission import FitMission, Mission
 from nebosvod.mission.slugs import slug
 from nebosvod.notebook.answer import Alert, Approaches, Fit, FolderAnswer, Result, Risk, Sky, answer_of
 from nebosvod.notebook.campaigns import Comparison, Decision, Kept, Plan, Study, Validation
-from nebosvod.orbits.uncertain import UncertainOrbit
+from nebosvod.notebook.given import (
+    Orbit,
+    Say,
+    joined,
+    kept_in,
+    mission_of,
+    opened,
+    path_of,
+    paths_of,
+    quiet,
+    seed_of,
+    several,
+    spoken,
+    text_of,
+)
 from nebosvod.report.study_page import make_study_page
 from nebosvod.report.validation_page import write_validation_report
 from nebosvod.results.alert_folder import alert_result
 from nebosvod.results.compare import compare as compare_runs
 from nebosvod.results.compare_orbits import compare_orbits, kind_of_folders
-from nebosvod.scene.orbit import mission_orbit
 from nebosvod.scene.scene import load_ephemeris
 from nebosvod.studies.comparison import all_studies, compare_studies
 from nebosvod.studies.question import Study as StudyQuestion
@@ -44,83 +49,8 @@ from nebosvod.studies.question import load_study
 from nebosvod.studies.study import run_study
 from nebosvod.studies.validation import validate as run_validation
 
-P = ParamSpec("P")
-R = TypeVar("R")
-Say = Callable[[str], None]
-Orbit = str | Path | UncertainOrbit | Mission | Result | Fit
-# options of the command line whose parameter has another name here
-PARAMETERS = {"from": "since", "to": "until", "from-site": "site", "object": "designations"}
 
-
-def _spoken(function: Callable[P, R]) -> Callable[P, R]:
-    """Errors name parameters, not options of a command line."""
-
-    @wraps(function)
-    def called(*args: P.args, **kwargs: P.kwargs) -> R:
-        _tell_of_compiling()
-        try:
-            return function(*args, **kwargs)
-        except NebosvodError as error:
-            if error.args and isinstance(error.args[0], str):
-                said = re.sub(r"(?<![\w-])--([a-z][a-z-]*)", _parameter, error.args[0])
-                error.args = (said, *error.args[1:])
-            raise
-
-    return called
-
-
-@cache
-def _tell_of_compiling() -> None:
-    """Say once why the first answer of a new installation takes long."""
-    if not kept(Path(dynamics.__file__).parent):
-        words = "the first run compiles the numerical kernels, once: half a minute to some minutes; later ones do not"
-        warnings.warn(words, NebosvodNotice, stacklevel=4)
-
-
-def _parameter(option: re.Match[str]) -> str:
-    return PARAMETERS.get(option[1], option[1].replace("-", "_"))
-
-
-def _text(value: Any) -> Any:
-    """A quantity, duration or moment as the command line would have it; anything else as it is."""
-    return plain(value) if is_quantity(value) or is_moment(value) or duration_s(value) is not None else value
-
-
-def _seed(seed: Any) -> int:
-    """A seed that the option would take."""
-    if not isinstance(seed, int | np.integer) or not 0 <= seed < 2**63:
-        raise InputError(f"seed: needs a whole number from 0 on (got {seed!r})")
-    return int(seed)
-
-
-def _joined(words: str | Sequence[Any]) -> str:
-    """With commas between them, as the command line has them."""
-    return words if isinstance(words, str) else ",".join(map(str, words))
-
-
-def _files(files: Any) -> list[str]:
-    """Paths of one file or several."""
-    if isinstance(files, str | Path):
-        return [str(files)]
-    if not isinstance(files, list | tuple) or not all(isinstance(one, str | Path) for one in files):
-        raise InputError(f"files: a path, or a list of paths, text or pathlib.Path (got {type(files).__name__})")
-    return [str(one) for one in files]
-
-
-def _several(named: str | Sequence[str]) -> tuple[str, ...]:
-    """Names, of which one need not be a list."""
-    return (named,) if isinstance(named, str) else tuple(named)
-
-
-def _quiet(line: str) -> None:
-    """Nobody listens."""
-
-
-def _mission(mission: Mission | str | Path) -> Mission:
-    return mission if isinstance(mission, Mission) else load_mission(mission)
-
-
-@_spoken
+@spoken
 def run(
     mission: Mission | str | Path,
     seed: int = 0,
@@ -152,11 +82,11 @@ def run(
     >>> result.typed.estimates[0]
     <OrbitEstimate batch: converged, position to 16.89 km>
     """
-    found = Result(pipeline.run(_mission(mission), seed=_seed(seed), progress=progress, nominal=nominal))
-    return _kept(found, output, overwrite)
+    found = Result(pipeline.run(mission_of(mission), seed=seed_of(seed), progress=progress, nominal=nominal))
+    return kept_in(found, output, overwrite)
 
 
-@_spoken
+@spoken
 def fit(
     files: str | Path | FitMission | Sequence[str | Path],
     designations: str | Sequence[str] = (),
@@ -191,15 +121,15 @@ def fit(
     GeometryError, EventError
         If there is no orbit, and the first hour has no answer either.
     """
-    started, say = time.time(), progress or _quiet
+    started, say = time.time(), progress or quiet
     mission = files if isinstance(files, FitMission) else _to_fit(files, designations, since, until)
     (records,) = pipeline.objects(mission, split=False)
     made = fit_work.answered(records, mission, load_ephemeris(mission), say, export=export, started=started)
     found = answer_of(made.result)
-    return _kept(found if isinstance(found, Alert) else Fit(made.result), output, overwrite)
+    return kept_in(found if isinstance(found, Alert) else Fit(made.result), output, overwrite)
 
 
-@_spoken
+@spoken
 def fit_every(
     files: str | Path | Sequence[str | Path],
     since: Any = None,
@@ -219,17 +149,17 @@ def fit_every(
         The fit of each object by its name, or the error that there was.
     """
     mission = _to_fit(files, (), since, until)
-    found = pipeline.every(mission, load_ephemeris(mission), _quiet, export=export)
+    found = pipeline.every(mission, load_ephemeris(mission), quiet, export=export)
     return {name: one if isinstance(one, NebosvodError) else Fit(one) for name, one in found}
 
 
 def _to_fit(files: Any, designations: str | Sequence[str], since: Any, until: Any) -> FitMission:
     """The fit that the parameters say."""
-    named = _files(files)
-    return fit_work.resolved(named, _several(designations), _text(since), _text(until))
+    named = paths_of(files)
+    return fit_work.resolved(named, several(designations), text_of(since), text_of(until))
 
 
-@_spoken
+@spoken
 def validate(
     mission: Mission | str | Path,
     runs: int = 2000,
@@ -237,7 +167,7 @@ def validate(
     output: str | Path | None = None,
     workers: int | None = None,
     scheduler: str = "",
-    cluster: str | None = None,
+    cluster: Literal["slurm"] | None = None,
     seed: int = 0,
     full: bool = False,
     overwrite: bool = False,
@@ -261,17 +191,17 @@ def validate(
     InputError, GeometryError, OutputError
         If there are too few runs, nothing can be observed, or the folder holds another campaign.
     """
-    loaded = _mission(mission)
+    loaded = mission_of(mission)
     folder = Path(output) if output is not None else Path(f"{loaded.slug}-validation")
     found = run_validation(
-        loaded, folder, runs=runs, seed=_seed(seed), workers=workers_from(workers, scheduler, cluster), full=full,
+        loaded, folder, runs=runs, seed=seed_of(seed), workers=workers_from(workers, scheduler, cluster), full=full,
         overwrite=overwrite, progress=progress,
     )  # fmt: skip
     write_validation_report(folder, found)
     return Validation(found, folder)
 
 
-@_spoken
+@spoken
 def plan(
     mission: Any,
     prediction: str | None = None,
@@ -321,18 +251,19 @@ def plan(
     """
     said = {
         "prediction": prediction, "visits": visits, "estimator": estimator, "criterion": criterion,
-        "start": _text(start), "end": _text(end), "step": _text(step), "exposures": exposures,
-        "spacing": _text(spacing), "visit_time": _several(visit_time), "until": _text(until), "bodies": _joined(bodies),
-        "telescope": _several(telescope), "sigma": _text(sigma),
-        "draws": draws, "truths": truths, "seed": _seed(seed), "below": below, "above": above,
+        "start": text_of(start), "end": text_of(end), "step": text_of(step), "exposures": exposures,
+        "spacing": text_of(spacing), "visit_time": several(visit_time), "until": text_of(until),
+        "bodies": joined(bodies),
+        "telescope": several(telescope), "sigma": text_of(sigma),
+        "draws": draws, "truths": truths, "seed": seed_of(seed), "below": below, "above": above,
     }  # fmt: skip
     if not decide:
-        return Plan(planned(_mission(mission), said))
-    with _path_of(mission) as path:
+        return Plan(planned(mission_of(mission), said))
+    with path_of(mission) as path:
         return Decision(plan_decide.decided(path, said))
 
 
-@_spoken
+@spoken
 def compare(*answers: FolderAnswer | Kept | str | Path) -> Comparison:
     """Set several answers side by side: runs and fits, ephemerides, approaches, risks, or studies.
 
@@ -361,7 +292,7 @@ def compare(*answers: FolderAnswer | Kept | str | Path) -> Comparison:
         return Comparison(compare_runs(folders) if kind is None else compare_orbits(folders, kind))
 
 
-@_spoken
+@spoken
 def study(
     file: str | Path | StudyQuestion,
     *,
@@ -369,7 +300,7 @@ def study(
     resume: bool = False,
     workers: int | None = None,
     scheduler: str = "",
-    cluster: str | None = None,
+    cluster: Literal["slurm"] | None = None,
     overwrite: bool = False,
     parquet: bool = False,
     progress: Callable[[int, int], None] = lambda done, points: None,
@@ -399,7 +330,7 @@ def study(
     return Study(found, folder)
 
 
-@_spoken
+@spoken
 def risk(
     orbit: Orbit,
     until: Any,
@@ -436,15 +367,15 @@ def risk(
     InputError
         If a parameter cannot be used; names it.
     """
-    with _opened(orbit, history) as given:
+    with opened(orbit, history) as given:
         made = orbit_work.risk_of(
-            given, _text(until), _joined(bodies), _text(on), draws, coordinates, _text(diameter), density, _seed(seed),
-            history, progress or _quiet,
+            given, text_of(until), joined(bodies), text_of(on), draws, coordinates, text_of(diameter), density,
+            seed_of(seed), history, progress or quiet,
         )  # fmt: skip
-    return _kept(Risk(made.result), output, overwrite)
+    return kept_in(Risk(made.result), output, overwrite)
 
 
-@_spoken
+@spoken
 def alert(
     files: str | Path | Sequence[str | Path],
     designations: str | Sequence[str] = (),
@@ -484,17 +415,17 @@ def alert(
     InputError, GeometryError
         If a parameter cannot be used, or nothing can be said.
     """
-    started, named = time.time(), _files(files)
+    started, named = time.time(), paths_of(files)
     asked = alert_made.Asked.of(
-        within=_text(within), bound=not unbound, smallest=_text(smallest), sites=_several(sites), by=_several(by),
-        hours=_joined(hours), seed=_seed(seed), history=history, decide=decide,
+        within=text_of(within), bound=not unbound, smallest=text_of(smallest), sites=several(sites), by=several(by),
+        hours=joined(hours), seed=seed_of(seed), history=history, decide=decide,
     )  # fmt: skip
-    found = alert_work.found_for(named, _several(designations), _text(since), _text(until), asked, progress or _quiet)
+    found = alert_work.found_for(named, several(designations), text_of(since), text_of(until), asked, progress or quiet)
     bodies = found.alert.tracklet.forces.ephemeris
-    return _kept(Alert(alert_result(found.summary, found.alert, bodies, named[0], started)), output, overwrite)
+    return kept_in(Alert(alert_result(found.summary, found.alert, bodies, named[0], started)), output, overwrite)
 
 
-@_spoken
+@spoken
 def ephemeris(
     orbit: Orbit,
     since: Any,
@@ -526,12 +457,12 @@ def ephemeris(
     >>> sky.tables["ephemeris"]["distance_au"]
     <Quantity [...] AU>
     """
-    with _opened(orbit) as given:
-        made = orbit_work.ephemeris_of(given, _text(since), _text(until), _text(step), site)
-    return _kept(Sky(made.result), output, overwrite)
+    with opened(orbit) as given:
+        made = orbit_work.ephemeris_of(given, text_of(since), text_of(until), text_of(step), site)
+    return kept_in(Sky(made.result), output, overwrite)
 
 
-@_spoken
+@spoken
 def approaches(
     orbit: Orbit,
     since: Any,
@@ -556,40 +487,6 @@ def approaches(
     InputError
         If a parameter cannot be used; names it.
     """
-    with _opened(orbit) as given:
-        made = orbit_work.approaches_of(given, _text(since), _text(until), _text(within), progress or _quiet)
-    return _kept(Approaches(made.result), output, overwrite)
-
-
-A = TypeVar("A", bound=FolderAnswer)
-
-
-def _kept(answer: A, output: str | Path | None, overwrite: bool) -> A:
-    """The answer, written to a folder where one is named."""
-    if output is not None:
-        answer.save(output, overwrite=overwrite)
-    return answer
-
-
-@contextmanager
-def _opened(orbit: Any, as_folder: bool = False) -> Iterator[str | UncertainOrbit]:
-    """An orbit as the commands take it: read already, or where it stands."""
-    if isinstance(orbit, UncertainOrbit):
-        yield orbit
-    elif isinstance(orbit, Mission) and not as_folder:
-        yield mission_orbit(orbit)
-    else:
-        with _path_of(orbit) as path:
-            yield path
-
-
-@contextmanager
-def _path_of(orbit: Any) -> Iterator[str]:
-    """The path of an orbit; of an answer that of a folder made for it."""
-    if isinstance(orbit, str | Path):
-        yield str(orbit)
-    elif isinstance(orbit, FolderAnswer):
-        with tempfile.TemporaryDirectory() as folder:
-            yield str(orbit.lent(Path(folder)))
-    else:
-        raise InputError(f"an orbit is a path, a fit, a run or an UncertainOrbit here (got {type(orbit).__name__})")
+    with opened(orbit) as given:
+        made = orbit_work.approaches_of(given, text_of(since), text_of(until), text_of(within), progress or quiet)
+    return kept_in(Approaches(made.result), output, overwrite)

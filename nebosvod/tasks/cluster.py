@@ -8,6 +8,7 @@ keep: it is the same function of a number.
 import logging
 import os
 import queue
+import shutil
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -111,6 +112,8 @@ def _slurm(jobs: int) -> Iterator[Any]:
     """A client of a cluster that is started for it; jobs may wait in the queue as long as they have to."""
     from distributed import Client
 
+    if shutil.which("sbatch") is None:  # dask_jobqueue would wait for ever for jobs that were not submitted
+        raise WorkerError("--cluster slurm: there is no sbatch here; start this where Slurm's commands are")
     try:
         cluster = slurm_cluster(jobs)
         cluster.scale(jobs=jobs)

@@ -16,7 +16,7 @@ import nebosvod
 from nebosvod.borders.compiled import kept
 from nebosvod.cli import VERBS, app
 from nebosvod.errors import InputError, NebosvodNotice
-from nebosvod.notebook import verbs
+from nebosvod.notebook import given
 
 WANTED = (
     "run", "fit", "validate", "plan", "compare", "study", "risk", "alert", "ephemeris", "approaches", "load_mission",
@@ -94,8 +94,8 @@ def test_a_new_installation_says_once_that_it_compiles(tmp_path: Path, monkeypat
 
 
 def test_the_notice_stands_where_the_kernels_are_not_kept(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(verbs, "kept", lambda folder: False)
-    verbs._tell_of_compiling.cache_clear()
+    monkeypatch.setattr(given, "kept", lambda folder: False)
+    given._tell_of_compiling.cache_clear()
     with pytest.warns(NebosvodNotice, match="compiles the numerical kernels, once"), pytest.raises(InputError):
         nebosvod.run("no such mission")
     with pytest.raises(InputError):

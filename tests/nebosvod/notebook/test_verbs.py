@@ -11,7 +11,7 @@ from astropy.time import Time
 
 import nebosvod
 from nebosvod.cli import main
-from nebosvod.errors import InputError, OutputError
+from nebosvod.errors import InputError, OutputError, WorkerError
 
 DATA = Path(__file__).resolve().parents[3].parent / "shared" / "data" / "observations"
 STUDY = """
@@ -49,7 +49,8 @@ def test_an_ephemeris_is_that_of_the_command_and_takes_moments_and_durations(
     for mine, row in zip(sky.summary["rows"], theirs["rows"], strict=True):
         assert mine == {name: value if isinstance(value, str) else pytest.approx(value) for name, value in row.items()}
     assert sky.tables["ephemeris"]["distance_au"].unit == u.au
-    assert "5 times" in repr(sky)
+    assert len(sky.tables["ephemeris"]) == 5
+    assert "Nearest at 0.0968" in repr(sky)
     assert "<table" in sky._repr_html_()
 
 
@@ -91,11 +92,13 @@ def test_a_study_keeps_its_folder(tmp_path: Path) -> None:
     assert len(study.table) == 2
     assert np.diff(study.table["position"])[0] > 0.0
     assert nebosvod.Study.load(tmp_path / "kept").summary == study.summary
-    assert study.plot.names
+    assert study.plot.names == ("curve_position",)
+    assert {"target_plane", "budget"} & set(dir(study.plot)) == set()  # what Tab offers is there
+    with pytest.raises(InputError, match=r"has no such figure \(there are: curve_position\)$"):
+        study.plot.target_plane()
     assert len(repr(study)) < 400
 
 
-@pytest.mark.long
 def test_a_validation_keeps_its_folder(tmp_path: Path) -> None:
     found = nebosvod.validate("minimal", 20, output=tmp_path / "trust", workers=1)
     assert found.summary["n_runs"] == 20
@@ -144,6 +147,34 @@ def test_errors_name_the_parameter_and_not_an_option(minimal: Any) -> None:
         nebosvod.alert("first-hours", hours=[-1])
     with pytest.raises(InputError, match=r"no telescope 'X' .allowed: "):
         nebosvod.load_mission("minimal").telescope("X")
+
+
+@pytest.mark.parametrize(
+    ("said", "words"),
+    [
+        ({"coordinates": "polar"}, r"^coordinates: 'polar' \(allowed: cartesian, equinoctial\)"),
+        ({"draws": "many"}, r"^draws: needs a whole number \(got 'many'\)"),
+        ({"draws": True}, r"^draws: needs a whole number"),
+        ({"density": "heavy"}, r"^density: needs a number \(got 'heavy'\)"),
+    ],
+)
+def test_what_is_no_number_and_no_known_word_is_refused_by_its_name(minimal: Any, said: Any, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        nebosvod.risk(minimal, "2028-06-01", **said)
+
+
+@pytest.mark.parametrize("verb", ["validate", "study"])
+def test_an_unknown_cluster_is_refused_and_slurm_is_sought(
+    verb: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A cluster that is not there would be waited for without an end."""
+    monkeypatch.setenv("PATH", str(tmp_path))
+    (tmp_path / "noise.yaml").write_text(STUDY, "utf-8")
+    asked = "minimal" if verb == "validate" else tmp_path / "noise.yaml"
+    with pytest.raises(InputError, match=r"^cluster: 'pbs' \(allowed: slurm\)"):
+        getattr(nebosvod, verb)(asked, cluster="pbs", output=tmp_path / "kept")
+    with pytest.raises(WorkerError, match=r"^cluster slurm: there is no sbatch here"):
+        getattr(nebosvod, verb)(asked, cluster="slurm", output=tmp_path / "kept")
 
 
 @pytest.mark.parametrize("seed", [-1, 0.5, "one", None])
