@@ -173,6 +173,7 @@ class PlanSummary(Typed):
 
     Parameters
     ----------
+    mission_sha256 : hash of the mission's text.
     unit : of every sigma.
     n_observations : measurements of the mission itself.
     n_candidates : visits that could be made.
@@ -191,6 +192,7 @@ class PlanSummary(Typed):
     SCHEMA: ClassVar[str] = "planning/plan.schema.json"
     schema_version: int
     mission: str
+    mission_sha256: str | None
     title: str
     object: str
     prediction: Prediction
