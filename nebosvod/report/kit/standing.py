@@ -29,6 +29,7 @@ TEXT, DPI = (
     9.0,
     110.0,
 )  # points, where the page has 10.5 px: matplotlib's letters are wider; dots per inch in a notebook
+LETTER, SMALLEST = 0.55, 6.5  # mean width of a letter, in its size; points
 ROOM = 10.0  # px at the right edge, for the last tick text
 PICTURE: dict[Any, Any] = {"svg.fonttype": "none", "hatch.color": "#ffffff", "hatch.linewidth": 0.9}
 # units of a page that matplotlib's letters lack, or write too wide
@@ -94,15 +95,15 @@ def _axes(figure: Figure, chart: Chart, panel: Panel) -> Axes:
     axes.grid(True, color="#e4e4e4", linewidth=0.6)
     axes.set_axisbelow(True)
     axes.tick_params(labelsize=TEXT, length=0.0, pad=4.0)
-    _scaled(axes, "x", panel.x)
-    _scaled(axes, "y", panel.y)
+    _scaled(axes, "x", panel.x, wide)
+    _scaled(axes, "y", panel.y, high)
     if panel.title:
         axes.set_title(panel.title, loc="left", fontsize=TEXT, pad=3.0)
     return axes
 
 
-def _scaled(axes: Axes, which: Literal["x", "y"], scale: Scale) -> None:
-    """Limits, ticks and label of one axis."""
+def _scaled(axes: Axes, which: Literal["x", "y"], scale: Scale, room: float) -> None:
+    """Limits, ticks and label of one axis; a label longer than its axis is written smaller, and covers no tick."""
     axis = axes.xaxis if which == "x" else axes.yaxis
     axes.set(**{f"{which}scale": "log" if scale.kind == "log" else "linear"})
     axes.set(**{f"{which}lim": (value_of(scale, scale.low), value_of(scale, scale.high))})
@@ -112,7 +113,8 @@ def _scaled(axes: Axes, which: Literal["x", "y"], scale: Scale) -> None:
     if scale.silent:
         axes.tick_params(axis=which, labelbottom=False, labelleft=False)
     elif scale.label:
-        axis.set_label_text(scale.label.translate(PLAIN), fontsize=TEXT)
+        size = min(TEXT, room / (LETTER * len(scale.label)))
+        axis.set_label_text(scale.label.translate(PLAIN), fontsize=max(SMALLEST, size))
 
 
 def value_of(scale: Scale, value: Any) -> Any:
