@@ -41,3 +41,11 @@ def study_path(path: str | Path) -> Path:
     hint = f'; did you mean "{near[0]}"?' if near else ""
     known = ", ".join(builtin_studies())
     raise InputError(f"{shown(name)}: no file of that name, and no built-in study ({known}){hint}")
+
+
+def mission_path(name: str) -> Path | None:
+    """The mission file of a built-in study, by its name; None where there is no such one."""
+    if name != Path(name).name:
+        return None
+    file = _folder() / f"{name.removesuffix('.yaml')}.yaml"
+    return file if file.is_file() and file.stem not in builtin_studies() else None

@@ -23,7 +23,7 @@ from nebosvod.mission.yaml.yamlfile import Problem, Tree, YamlFile, parse_yaml, 
 from nebosvod.scene.sharing import Shared
 from nebosvod.studies.answers import Asked, read_answer
 from nebosvod.studies.axes import Axis, in_unit, read_axis
-from nebosvod.studies.builtin import study_path
+from nebosvod.studies.builtin import mission_path, study_path
 from nebosvod.studies.file import AxisBlock, ObjectsBlock, StudyFile
 from nebosvod.studies.near_earth import PUBLISHED
 from nebosvod.studies.objects import Objects, file_of, read_objects
@@ -234,7 +234,7 @@ class _Reading:
         name = self.block.mission
         beside = path.parent / name if path is not None else Path(name)
         try:
-            return load_mission(beside if beside.is_file() else name)
+            return load_mission(beside if beside.is_file() else mission_path(name) or name)
         except InputError as error:
             for line in str(error).split("\n")[:5]:
                 self._say(("mission",), line)

@@ -264,7 +264,7 @@ def _require_regular(name: str, status: os.stat_result) -> None:
     """Refuse what is not a regular file of modest size."""
     mode = status.st_mode
     if stat.S_ISDIR(mode):
-        raise InputError(f"{name}: is a directory; give the mission file inside it")
+        raise InputError(f"{name}: is a directory; give the file inside it")
     if not stat.S_ISREG(mode):
         raise InputError(f"{name}: is a pipe or a device, not a file")
     if status.st_size > MAX_BYTES:

@@ -95,3 +95,15 @@ def test_a_cost_is_a_number_of_the_point() -> None:
     assert study.search is not None
     assert study.search.cost is not None
     assert study.search.cost({"noise": 0.25, "cadence": 5.0}) == pytest.approx(3 / 0.5 + 2)
+
+
+def test_the_mission_of_a_built_in_study_may_be_named() -> None:
+    """With another name it would be unknown: what is varied of a system needs no copy of its file."""
+    for name in ("pair-watch", "pair-watch.yaml"):
+        study = load_study_text(
+            f"schema_version: 1\nstudy: s\nmission: {name}\nvary: {{lead: {{set: telescopes.ahead.orbit.lead, "
+            "values: [10 deg, 30 deg]}}\nanswer: [{name: first, of: first_seen_d}]\n"
+        )
+        assert study.mission.name == "pair-watch"
+    with pytest.raises(InputError, match="unknown mission"):
+        load_study_text(TEXT.replace("minimal", "nebosvod-pair"))
