@@ -163,9 +163,9 @@ def _averaging(found: Item) -> tuple[Cell, Table] | None:
         )
     if told["n_where_equal"] is not None:
         said.append(
-            Markup("Averaging helps up to about {} measurements; beyond, what they have in common leaves {}.").format(
-                f"{max(1, round(told['n_where_equal'])):,}", _end(told["floor"], unit)
-            )
+            Markup(
+                "Averaging brings most up to about {} measurements; however many, what they have in common leaves {}."
+            ).format(f"{max(1, round(told['n_where_equal'])):,}", _end(told["floor"], unit))
         )
     said.append(
         Markup("Noise alone would leave {} of position, by σ² D0⁻¹ / N with σ {} and N = {} components.").format(

@@ -18,14 +18,14 @@ from nebosvod.errors import NebosvodError
 
 Array = npt.NDArray[np.float64]
 REACH = 1e6  # factors tried, down and up
-REACH_DURATION = 32.0  # of a cadence: more measurements than this many times would only cost time
-DURATIONS = ("s", "ms", "min", "h", "d", "yr")
+REACH_SCHEDULE = 32.0  # of a cadence: more measurements than this many times would only cost time
 HALVINGS = 40
 SAME = 1e-9  # relative, between ends that do not differ
 MOST_STEPS = 60
 KNEE = 0.02  # relative, of where a thing stops to matter
 NEAR = 1.05  # of an end, within which more, or less, of a thing makes no difference
 SLACK = 1e-5  # relative, of the answer at the joint optimum
+LOOKS = ((-5.0, -4.0, -3.0, -2.0, -1.0, 0.0, 1.0, 2.0, 3.0, 4.0, 5.0), (-0.5, 0.5), (-0.25, 0.25))  # powers of two
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -55,7 +55,12 @@ class Needed:
     @property
     def reach(self) -> float:
         """Largest factor that is tried."""
-        return REACH_DURATION if self.unit in DURATIONS else REACH
+        return REACH_SCHEDULE if self.stepped else REACH
+
+    @property
+    def stepped(self) -> bool:
+        """Whether the answer goes in steps with it: of a schedule, the number of measurements is a whole one."""
+        return any(path.startswith("schedule.") for path in self.paths)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -180,23 +185,82 @@ def _together(
     Notes
     -----
     Sequential quadratic programming in the logarithms of values, answer and cost, from the values that are equally
-    many times better or worse than now; partials are differences.
+    many times better or worse than now; partials are differences. What the answer goes in steps with has none: of a
+    cadence that is a little longer, as many measurements span more time, and the answer is better, until one falls
+    out. So cadences are tried, ever closer to the best one, and the rest is sought for each.
     """
-    from scipy.optimize import minimize
-
-    names, start = [one.name for one in wanted.each], np.log([one.now for one in wanted.each])
-
-    def values(x: Array) -> dict[str, float]:
-        return dict(zip(names, np.exp(x).tolist()))
-
     reach = min(one.reach for one in wanted.each)
-    if len(wanted.each) < 2 or not answer(values(start - math.log(reach))) <= wanted.limit:
+
+    def scaled(factor: float) -> dict[str, float]:
+        return {name: value * factor for name, value in now.items()}
+
+    if len(wanted.each) < 2 or not answer(scaled(1.0 / reach)) <= wanted.limit:
         return None
-    factor = largest_factor(lambda f: answer(values(start + math.log(f))), wanted.limit, 1.0 / reach, reach)
-    first = start + math.log(factor)
-    unit = wanted.cost_of(values(first))
+    factor = largest_factor(lambda f: answer(scaled(f)), wanted.limit, 1.0 / reach, reach)
+    equally = scaled(factor)
+    unit = wanted.cost_of(equally)
     if not (math.isfinite(unit) and unit > 0.0):
         return None
+    stepped = [one for one in wanted.each if one.stepped]
+    best, converged = _smooth(wanted, answer, equally, unit, [one for one in wanted.each if not one.stepped])
+    for powers in LOOKS:
+        for one in stepped:
+            middle = best[one.name] if len(powers) == 2 else one.now
+            for power in powers:
+                value = middle * 2.0**power
+                if not one.now / one.reach <= value <= one.now * one.reach:
+                    continue
+                others = [other for other in wanted.each if not other.stepped]
+                start = _started(wanted, answer, best | {one.name: value}, others)
+                if start is None:
+                    continue
+                found, good = _smooth(wanted, answer, start, unit, others)
+                if wanted.cost_of(found) < wanted.cost_of(best):
+                    best, converged = found, good
+    return {
+        "values": best,
+        "answer": _finite(answer(best)),
+        "cost": wanted.cost_of(best),
+        "cost_equally": unit,
+        "converged": converged,
+    }
+
+
+def _started(
+    wanted: Requirement,
+    answer: Callable[[Mapping[str, float]], float],
+    values: Mapping[str, float],
+    others: Sequence[Needed],
+) -> dict[str, float] | None:
+    """Values with which the answer is as wanted, some of them being equally many times better or worse."""
+
+    def scaled(factor: float) -> dict[str, float]:
+        return {**values, **{one.name: values[one.name] * factor for one in others}}
+
+    if not others:
+        return dict(values) if answer(values) <= wanted.limit else None
+    reach = min(one.reach for one in others)
+    if not answer(scaled(1.0 / reach)) <= wanted.limit:
+        return None
+    return scaled(largest_factor(lambda f: answer(scaled(f)), wanted.limit, 1.0 / reach, reach, KNEE))
+
+
+def _smooth(
+    wanted: Requirement,
+    answer: Callable[[Mapping[str, float]], float],
+    first: Mapping[str, float],
+    unit: float,
+    others: Sequence[Needed],
+) -> tuple[dict[str, float], bool]:
+    """The least cost over some of the values, the rest being as at first; and whether it converged."""
+    from scipy.optimize import minimize
+
+    if not others:
+        return dict(first), True
+    start = np.log([first[one.name] for one in others])
+
+    def values(x: Array) -> dict[str, float]:
+        return {**first, **dict(zip([one.name for one in others], np.exp(x).tolist()))}
 
     def room(x: Array) -> float:
         found = answer(values(x))
@@ -204,20 +268,14 @@ def _together(
 
     found = minimize(
         lambda x: wanted.cost_of(values(x)) / unit,
-        first,
+        start,
         method="SLSQP",
-        bounds=[(s - math.log(one.reach), s + math.log(one.reach)) for s, one in zip(start, wanted.each)],
+        bounds=[(math.log(one.now / one.reach), math.log(one.now * one.reach)) for one in others],
         constraints=[{"type": "ineq", "fun": room}],
         options={"maxiter": MOST_STEPS, "ftol": 1e-7, "eps": 1e-4},
     )
-    best = found.x if room(found.x) > -SLACK and found.fun <= 1.0 else first
-    return {
-        "values": values(best),
-        "answer": _finite(answer(values(best))),
-        "cost": wanted.cost_of(values(best)),
-        "cost_equally": unit,
-        "converged": bool(found.success),
-    }
+    kept = room(found.x) > -SLACK and found.fun <= wanted.cost_of(first) / unit
+    return values(found.x if kept else start), bool(found.success)
 
 
 def _text(value: float, unit: str) -> Any:
@@ -262,7 +320,7 @@ def _averaging_words(told: Mapping[str, Any], unit: str) -> Iterator[str]:
         yield f"  or {_count(told['n_needed'])} measurements as they are (now {told['n']})"
     if told["n_where_equal"] is not None:
         equal, floor = _count(told["n_where_equal"]), f"{told['floor']:.4g} {unit}".rstrip()
-        yield f"  averaging helps up to about {equal} measurements: beyond, what they share leaves {floor}"
+        yield f"  averaging brings most up to about {equal} measurements: however many, what they share leaves {floor}"
 
 
 def _count(value: float) -> str:

@@ -64,6 +64,42 @@ def test_together_at_least_cost_is_lagranges_point(limit: float) -> None:
     assert found["cost"] <= found["cost_equally"]
 
 
+def test_together_with_a_cadence_is_as_cheap_as_the_best_of_all_that_are_tried() -> None:
+    """The number of measurements is a whole one: between its steps a longer cadence is better, and partials mislead."""
+    span, limit = 30.0, 2.5
+    noise = Needed(name="noise", paths=("x.noise",), unit="km", now=1.0)
+    cadence = Needed(name="cadence", paths=("schedule.*.cadence",), unit="d", now=1.0)
+
+    def left(noise: float, cadence: float) -> float:
+        n = math.floor(span / cadence) + 1
+        return math.hypot(REST, 8.0 * noise / math.sqrt(n) / (0.5 + 0.5 * cadence * (n - 1) / span))
+
+    def number(changes: Mapping[str, Any]) -> float:
+        return left(*(float(changes[path].split()[0]) for path in ("x.noise", "schedule.*.cadence")))
+
+    each = (noise, cadence)
+    cost = read_expression("2/noise + 1/cadence", ["noise", "cadence"])
+    asked = Requirement(answer="f", limit=limit, text="at most 2.5 km", each=each, cost=cost)
+    found = required(asked, number)["together"]
+    tried = np.exp(np.linspace(np.log(1 / 32), np.log(32), 4001))
+    needed = [math.sqrt(limit**2 - REST**2) / (math.sqrt(left(1.0, c) ** 2 - REST**2)) for c in tried]
+    least = min(2 / v + 1 / c for v, c in zip(needed, tried))
+    assert found["answer"] <= limit * (1 + 2e-5)
+    assert least * 0.999 < found["cost"] < 1.05 * least
+
+
+def test_a_clock_may_be_worse_by_as_much_as_a_noise_though_its_unit_is_one_of_time() -> None:
+    """Of what is now 1 ms "however bad" is more than 32 ms; only a schedule has a longest cadence."""
+    clock = Needed(name="clock", paths=("telescopes.*.timing.sigma",), unit="ms", now=1.0)
+
+    def number(changes: Mapping[str, Any]) -> float:
+        return math.hypot(REST, 0.01 * float(changes["telescopes.*.timing.sigma"].split()[0]))
+
+    (row,) = required(Requirement(answer="f", limit=3.0, text="", each=(clock,), cost=None), number)["each"]
+    assert row["verdict"] == "may be worse"
+    assert row["needed"] == pytest.approx(100.0 * math.sqrt(5.0), rel=1e-5)
+
+
 def test_what_does_not_matter_and_what_nothing_helps_is_said() -> None:
     rows = {row["name"]: row for row in required(wanted(1.0), quadratic)["each"]}
     assert all("cannot do it alone" in row["verdict"] for row in rows.values())
