@@ -13,7 +13,8 @@ from pathlib import Path
 
 from nebosvod.studies.builtin import builtin_studies
 from nebosvod.studies.point import evaluate
-from nebosvod.studies.question import Study, load_study, load_study_text
+from nebosvod.studies.question import Study
+from nebosvod.studies.reading import load_study, load_study_text
 from nebosvod.studies.study import evaluate_row, run_study
 from nebosvod.tasks.engine import Workers
 

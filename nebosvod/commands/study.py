@@ -45,7 +45,7 @@ def study(
     from nebosvod.mission.slugs import slug
     from nebosvod.report.study_page import make_study_page
     from nebosvod.results.result import json_text
-    from nebosvod.studies.question import load_study
+    from nebosvod.studies.reading import load_study
     from nebosvod.studies.study import run_study
 
     who = workers_from(workers, scheduler, cluster)

@@ -45,7 +45,7 @@ from nebosvod.results.compare_orbits import compare_orbits, kind_of_folders
 from nebosvod.scene.scene import load_ephemeris
 from nebosvod.studies.comparison import all_studies, compare_studies
 from nebosvod.studies.question import Study as StudyQuestion
-from nebosvod.studies.question import load_study
+from nebosvod.studies.reading import load_study
 from nebosvod.studies.study import run_study
 from nebosvod.studies.validation import validate as run_validation
 

@@ -20,7 +20,8 @@ from nebosvod.results.result import json_text
 from nebosvod.studies.averaging import averaging
 from nebosvod.studies.chunked import ChunkedFolder, Kind
 from nebosvod.studies.point import Point, Seed, evaluate
-from nebosvod.studies.question import Study, load_study_text
+from nebosvod.studies.question import Study
+from nebosvod.studies.reading import load_study_text
 from nebosvod.studies.requirement import required
 from nebosvod.studies.results import StudyTable, summary_of
 from nebosvod.studies.stored import PAGE, PARQUET_ROWS, RECORD, RESULT, require_parquet

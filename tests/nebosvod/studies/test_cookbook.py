@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from nebosvod.studies.question import load_study_text
+from nebosvod.studies.reading import load_study_text
 from nebosvod.studies.study import evaluate_row, requirement_of
 
 PAGE = (Path(__file__).resolve().parents[3] / "docs" / "studies.md").read_text("utf-8")

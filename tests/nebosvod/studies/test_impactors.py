@@ -19,7 +19,7 @@ from nebosvod.studies.impactors import (
     hyperbola_state,
 )
 from nebosvod.studies.near_earth import orbits_of, published_orbits
-from nebosvod.studies.question import load_study_text
+from nebosvod.studies.reading import load_study_text
 from nebosvod.studies.study import evaluate_row
 from nebosvod.timescale import Epoch
 

@@ -22,7 +22,7 @@ from nebosvod.scene.scene import build_scene
 from nebosvod.studies.builtin import builtin_studies
 from nebosvod.studies.point import evaluate
 from nebosvod.studies.population import clustered, interval
-from nebosvod.studies.question import load_study, load_study_text
+from nebosvod.studies.reading import load_study, load_study_text
 from nebosvod.studies.sampled import corridor_km, fall, impact_probability
 from nebosvod.studies.stored import load_table
 from nebosvod.studies.study import run_study

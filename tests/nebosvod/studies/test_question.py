@@ -5,7 +5,8 @@ import re
 import pytest
 
 from nebosvod.errors import InputError
-from nebosvod.studies.question import Study, load_study_text
+from nebosvod.studies.question import Study
+from nebosvod.studies.reading import load_study_text
 
 TEXT = """\
 schema_version: 1

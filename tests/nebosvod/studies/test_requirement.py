@@ -15,7 +15,7 @@ from nebosvod.borders.expression import read_expression
 from nebosvod.cli import main
 from nebosvod.errors import GeometryError, InputError
 from nebosvod.studies.point import evaluate
-from nebosvod.studies.question import load_study_text
+from nebosvod.studies.reading import load_study_text
 from nebosvod.studies.requirement import Needed, Requirement, required
 from nebosvod.studies.study import requirement_of
 

@@ -7,7 +7,8 @@ import pytest
 
 from nebosvod.scene.sharing import Shared
 from nebosvod.studies.point import evaluate
-from nebosvod.studies.question import Study, load_study_text
+from nebosvod.studies.question import Study
+from nebosvod.studies.reading import load_study_text
 from nebosvod.studies.study import evaluate_row, row
 
 TEXT = """\

@@ -20,7 +20,8 @@ from nebosvod.errors import InputError, OutputError
 from nebosvod.report.study_figures import _shade
 from nebosvod.report.study_page import make_study_page
 from nebosvod.studies.file import study_schema
-from nebosvod.studies.question import Study, load_study, load_study_text
+from nebosvod.studies.question import Study
+from nebosvod.studies.reading import load_study, load_study_text
 from nebosvod.studies.stored import RECORD, load_table
 from nebosvod.studies.study import plan, run_study
 from nebosvod.tasks.engine import Workers

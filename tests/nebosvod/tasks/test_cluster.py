@@ -12,7 +12,7 @@ import pytest
 
 from nebosvod.errors import GeometryError, InputError, WorkerError
 from nebosvod.mission import Mission
-from nebosvod.studies.question import load_study_text
+from nebosvod.studies.reading import load_study_text
 from nebosvod.studies.study import run_study
 from nebosvod.studies.validation import validate
 from nebosvod.tasks import cluster
