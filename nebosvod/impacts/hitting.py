@@ -58,7 +58,7 @@ def hitting_orbit(course: Course, body: str, near: Epoch, u: Array) -> HittingOr
     """
     best: HittingOrbit | None = None
     for _ in range(MOST_STEPS):
-        here = _plane_at(course, body, near, u)
+        here = plane_at(course, body, near, u)
         if here is None:
             return best
         plane, epoch = here
@@ -100,7 +100,7 @@ def _jacobian(course: Course, u: Array) -> Array:
     return J
 
 
-def _plane_at(course: Course, body: str, near: Epoch, u: Array) -> tuple[TargetPlane, Epoch] | None:
+def plane_at(course: Course, body: str, near: Epoch, u: Array) -> tuple[TargetPlane, Epoch] | None:
     """The b-plane of one orbit at the approach nearest in time; None where it has none."""
     trajectory = _flown(course, near, u)
     if trajectory is None:

@@ -22,6 +22,7 @@ from nebosvod.impacts.flight import GAP_S, Course
 from nebosvod.impacts.hitting import HittingOrbit, hitting_orbit
 from nebosvod.impacts.importance import sample
 from nebosvod.impacts.interval import effective
+from nebosvod.impacts.left_out import left_out_sigmas
 from nebosvod.impacts.line import NO_OBSERVATIONS, Line, line_of_variations
 from nebosvod.impacts.string import Corrected
 from nebosvod.impacts.ways import Way, by_importance, by_line, by_linear, by_sampling, recommended
@@ -53,6 +54,7 @@ class VirtualImpactor:
     sigmas_line : how many sigmas along the line of variations towards them the hits are; None without a line.
     stretching_km : how far one sigma along the line moves the point in the target plane.
     bend : how far from linear the target plane is about the estimate; None where the line has no encounter there.
+    left_out_sigmas : how far asteroids that do not attract here may move it along the line; None where nothing tells.
     """
 
     body: str
@@ -68,6 +70,7 @@ class VirtualImpactor:
     sigmas_line: float | None
     stretching_km: float | None
     bend: Bend | None
+    left_out_sigmas: float | None = None
 
     @property
     def way(self) -> Way:
@@ -241,7 +244,7 @@ def _impactor(
     return VirtualImpactor(
         body=body, epoch=when, sigma_time_s=spread, approach=approach, orbits=tuple(orbits), ways=tuple(ways),
         recommended=best, reason=reason, cloud=cloud, passage=passage, sigmas_line=nu, stretching_km=stretching,
-        bend=bend,
+        bend=bend, left_out_sigmas=left_out_sigmas(course, body, orbits[0]) if orbits else None,
     )  # fmt: skip
 
 

@@ -13,6 +13,7 @@ from nebosvod.impacts.budget import budget_of, why_none
 from nebosvod.impacts.cloud import Cloud, Passage
 from nebosvod.impacts.corridor import Corridor, Level, corridor_of
 from nebosvod.impacts.interval import of_count
+from nebosvod.impacts.left_out import left_out_words
 from nebosvod.impacts.line import Line
 from nebosvod.impacts.risk import Risk, VirtualImpactor, passage_of
 from nebosvod.impacts.scales import Size, cumulative, energy_mt, palermo, torino
@@ -218,6 +219,10 @@ def _warnings(orbit: UncertainOrbit, found: Risk, bodies: list[str]) -> list[str
     said += [
         f"{CALLED.get(one.body, one.body.capitalize())} on {one.epoch.iso('utc', 0)[:10]}: {one.bend.said}"
         for one in found.impactors if one.bend is not None and one.bend.matters
+    ]  # fmt: skip
+    said += [
+        f"{CALLED.get(one.body, one.body.capitalize())} on {one.epoch.iso('utc', 0)[:10]}: {words}"
+        for one in found.impactors if (words := left_out_words(one.left_out_sigmas, one.sigmas_line))
     ]  # fmt: skip
     said += [
         f"{CALLED.get(one.body, one.body.capitalize())} on {one.epoch.iso('utc', 0)[:10]}: --until is amid the "
