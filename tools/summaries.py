@@ -31,6 +31,7 @@ Made from nebosvod/{schema} by tools/summaries.py: change that, then `make schem
 """
 '''
 SCALARS = {"string": "str", "integer": "int", "number": "float", "boolean": "bool"}
+TYPES = {"str": "text", "int": "a whole number", "float": "a number", "bool": "true or false", "Array": "an array"}
 WIDTH = 116
 
 
@@ -98,7 +99,7 @@ class _Module:
         types = [(one, self._type(one)) for one in plans]
         self.inside.pop()
         lines = ["@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)", f"class {name}(Typed):"]
-        lines += [f"    {line}".rstrip() for line in self._doc(block, name, plans)]
+        lines += [f"    {line}".rstrip() for line in self._doc(block, name, types)]
         lines += ["", *([f'    SCHEMA: ClassVar[str] = "{schema}"'] if schema else [])]
         lines += [f"    {one.name}: {kind}" for one, kind in types]
         self.classes.append("\n".join(lines))
@@ -108,14 +109,17 @@ class _Module:
         """A block with what its references lead to, without its words."""
         return _whole(node, self.root)
 
-    def _doc(self, block: Node, name: str, plans: list[Plan]) -> list[str]:
+    def _doc(self, block: Node, name: str, types: list[tuple[Plan, str]]) -> list[str]:
         title = block.get("$words") or block.get("description" if "$words" not in block else "title") or _words(name)
         lines = textwrap.wrap(f'"""{_python(str(title))}.', WIDTH - 4)
-        said = {one.name: self._said(one) for one in plans}
+        said = {one.name: self._said(one) for one, _ in types}
         rows = [(field, words) for field, words in said.items() if words]
-        plain = [field for field, words in said.items() if not words]
-        together = textwrap.wrap(", ".join(plain), WIDTH - 30)  # what stands before a colon is one line
-        rows += [(names.rstrip(","), "what the name says") for names in together]
+        plain: dict[str, list[str]] = {}
+        for field, kind in types:
+            if not said[field.name]:
+                plain.setdefault(_of_type(kind), []).append(field.name)
+        for kind, names in plain.items():  # what stands before a colon is one line
+            rows += [(line.rstrip(","), kind) for line in textwrap.wrap(", ".join(names), WIDTH - 40)]
         lines += ["", "Parameters", "----------"]
         for field, text in rows:
             lines += textwrap.wrap(f"{field} : {text}.", WIDTH - 4, subsequent_indent="    ")
@@ -124,12 +128,16 @@ class _Module:
     def _said(self, plan: Plan) -> str:
         """What a field is: the schema's words, its size and unit."""
         words = _python(str(plan.node.get("description", "")))
-        words = words[:1].lower() + words[1:] if words[1:2].islower() or words[1:2] == " " else words
+        words = (
+            words[:1].lower() + words[1:]
+            if (words[1:2].islower() and not words.startswith("None ")) or words[1:2] == " "
+            else words
+        )
         levels = shape.depth(plan.node, self.root)
         size = _size(plan.node, self.root) if levels and plan.unit != "time" and self._numeric(plan) else ""
         unit = {"time": plan.scale.removeprefix("jd_").upper(), "?": "the unit of the key that holds it"}
         told = ", ".join(one for one in (size, unit.get(plan.unit, plan.unit)) if one)
-        return "; ".join(one for one in (words, told) if one)
+        return "; ".join(one for one in (words, told if words else f"in {told}" if told else "") if one)
 
     def _numeric(self, plan: Plan) -> bool:
         return shape.holds_numbers(plan.node, self.root)
@@ -177,9 +185,24 @@ class _Module:
         return f"Mapping[str, {' | '.join([*found, *(['None'] if null else [])]) or 'Any'}]"
 
 
+def _of_type(kind: str) -> str:
+    """The type of a field that the schema has no words for, in words."""
+    inner = kind.removesuffix(" | None")
+    if inner.startswith(("tuple[", "Mapping[str, ")):
+        held = inner.partition("[")[2].removeprefix("str, ").removesuffix("]").removesuffix(", ...")
+        words = (
+            f"by name, {TYPES.get(held, held)}"
+            if inner.startswith("Mapping")
+            else f"several, each {TYPES.get(held, held)}"
+        )
+    else:
+        words = TYPES.get(inner, inner)
+    return f"{words}, or None" if inner != kind else words
+
+
 def _python(words: str) -> str:
     """Words of a schema without their full stop, in those of Python."""
-    return re.sub(r"\bnull\b", "None", words).rstrip(".")
+    return re.sub(r"\bnull\b", "None", words, flags=re.IGNORECASE).rstrip(".")
 
 
 def _of_const(node: Node) -> str:

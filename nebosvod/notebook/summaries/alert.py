@@ -23,8 +23,9 @@ class Rejected(Typed):
 
     Parameters
     ----------
-    utc : UTC.
-    station, file, line : what the name says.
+    utc : in UTC.
+    station, file : text.
+    line : a whole number.
     """
 
     utc: Time
@@ -39,10 +40,11 @@ class Chance(Typed):
 
     Parameters
     ----------
-    probability : none where no drawn orbit hits.
+    probability : None where no drawn orbit hits.
     low : 95 % interval.
     bound : no drawn orbit hits, or too few for a value: the probability is below high.
-    high, hits : what the name says.
+    high : a number.
+    hits : a whole number.
     """
 
     probability: float | None
@@ -58,7 +60,8 @@ class ByPrior(Typed):
 
     Parameters
     ----------
-    uniform, cartesian, jeffreys : what the name says.
+    uniform, cartesian : Chance.
+    jeffreys : Chance, or None.
     """
 
     uniform: Chance
@@ -72,11 +75,11 @@ class Spread(Typed):
 
     Parameters
     ----------
-    q025 : the unit of the key that holds it.
-    q16 : the unit of the key that holds it.
-    median : the unit of the key that holds it.
-    q84 : the unit of the key that holds it.
-    q975 : the unit of the key that holds it.
+    q025 : in the unit of the key that holds it.
+    q16 : in the unit of the key that holds it.
+    median : in the unit of the key that holds it.
+    q84 : in the unit of the key that holds it.
+    q975 : in the unit of the key that holds it.
     """
 
     q025: Quantity | float
@@ -92,15 +95,16 @@ class Impact(Typed):
 
     Parameters
     ----------
-    epoch : UTC.
-    half_68 : s.
-    longitude : deg.
-    latitude : deg.
-    entry : km.
-    speed : km / s.
-    elevation : deg.
-    contours : deg.
-    body, n_points : what the name says.
+    epoch : in UTC.
+    half_68 : in s.
+    longitude : in deg.
+    latitude : in deg.
+    entry : in km.
+    speed : in km / s.
+    elevation : in deg.
+    contours : in deg.
+    body : text.
+    n_points : a whole number.
     """
 
     body: str
@@ -121,7 +125,7 @@ class Scores(Typed):
 
     Parameters
     ----------
-    near_earth, main_belt, distant, hyperbolic, earth_satellite, other : what the name says.
+    near_earth, main_belt, distant, hyperbolic, earth_satellite, other : a number.
     """
 
     near_earth: float
@@ -138,13 +142,14 @@ class Quantities(Typed):
 
     Parameters
     ----------
-    range : au.
-    rate : km / s.
-    a : au.
-    i : deg.
-    q : au.
-    diameter : m.
-    e, H : what the name says.
+    range : in au.
+    rate : in km / s.
+    a : in au.
+    i : in deg.
+    q : in au.
+    diameter : in m.
+    e : Spread.
+    H : Spread, or None.
     """
 
     range: Spread
@@ -163,8 +168,8 @@ class Regions(Typed):
 
     Parameters
     ----------
-    range : (2,), au.
-    rate : (2,), km / s.
+    range : in (2,), au.
+    rate : in (2,), km / s.
     """
 
     range: Quantity
@@ -177,7 +182,8 @@ class Effective(Typed):
 
     Parameters
     ----------
-    uniform, cartesian, jeffreys : what the name says.
+    uniform, cartesian : a number.
+    jeffreys : a number, or None.
     """
 
     uniform: float
@@ -191,7 +197,9 @@ class Grid(Typed):
 
     Parameters
     ----------
-    n_nodes, effective, chi2, sigma_log_range : what the name says.
+    n_nodes : a whole number.
+    effective : Effective.
+    chi2, sigma_log_range : a number.
     """
 
     n_nodes: int
@@ -206,7 +214,8 @@ class Draws(Typed):
 
     Parameters
     ----------
-    n, effective, flown, seed : what the name says.
+    n, flown, seed : a whole number.
+    effective : a number.
     """
 
     n: int
@@ -222,9 +231,9 @@ class Equivalent(Typed):
 
     Parameters
     ----------
-    y : (n,).
-    H : (n, n).
-    R : (n, n).
+    y : in (n,).
+    H : in (n, n).
+    R : in (n, n).
     """
 
     y: Array
@@ -238,13 +247,15 @@ class Field(Typed):
 
     Parameters
     ----------
-    epoch : UTC.
-    ra : deg.
-    dec : deg.
-    semi_major : arcsec.
-    semi_minor : arcsec.
-    contours : deg.
-    telescope, V, fallen : what the name says.
+    epoch : in UTC.
+    ra : in deg.
+    dec : in deg.
+    semi_major : in arcsec.
+    semi_minor : in arcsec.
+    contours : in deg.
+    telescope : text.
+    V : a number, or None.
+    fallen : a number.
     """
 
     telescope: str
@@ -264,13 +275,13 @@ class Corridor(Typed):
 
     Parameters
     ----------
-    longitude : deg.
-    latitude : deg.
-    entry : km.
-    speed : km / s.
-    elevation : deg.
-    contours : deg.
-    n_points : what the name says.
+    longitude : in deg.
+    latitude : in deg.
+    entry : in km.
+    speed : in km / s.
+    elevation : in deg.
+    contours : in deg.
+    n_points : a whole number.
     """
 
     longitude: Spread
@@ -288,9 +299,12 @@ class History(Typed):
 
     Parameters
     ----------
-    epoch : UTC.
-    range : au.
-    n_observations, effective_nodes, sigma_log_range, chances, corridor : what the name says.
+    epoch : in UTC.
+    range : in au.
+    n_observations : a whole number.
+    effective_nodes, sigma_log_range : a number.
+    chances : ByPrior.
+    corridor : Corridor, or None.
     """
 
     n_observations: int
@@ -308,7 +322,7 @@ class Crossing(Typed):
 
     Parameters
     ----------
-    threshold, chance : what the name says.
+    threshold, chance : a number.
     """
 
     threshold: float
@@ -321,9 +335,13 @@ class Decision(Typed):
 
     Parameters
     ----------
-    epoch : UTC.
-    sigma : arcsec.
-    telescope, n_truths, quantiles, falls_below, rises_above, settles : what the name says.
+    epoch : in UTC.
+    sigma : in arcsec.
+    telescope : text.
+    n_truths : a whole number.
+    quantiles : Spread.
+    falls_below, rises_above : Crossing.
+    settles : a number.
     """
 
     telescope: str
@@ -342,8 +360,8 @@ class Truth(Typed):
 
     Parameters
     ----------
-    range : au.
-    rate : km / s.
+    range : in au.
+    rate : in km / s.
     """
 
     range: Quantity
@@ -356,22 +374,41 @@ class AlertSummary(Typed):
 
     Parameters
     ----------
-    first : UTC.
-    last : UTC.
-    arc : h.
-    reference_epoch : TDB.
-    within : d.
-    smallest : m.
-    probability : none where no drawn orbit hits.
+    first : in UTC.
+    last : in UTC.
+    arc : in h.
+    reference_epoch : in TDB.
+    within : in d.
+    smallest : in m.
+    probability : None where no drawn orbit hits.
     low : 95 % interval.
     bound : no drawn orbit hits, or too few for a value: the probability is below high.
     scores : shares of the posterior; no probabilities.
     equivalent : linear measurement y = H x + v, v of covariance R, of x = ln(range/au), range rate km/s, offsets
         rad, rates rad/s at the reference epoch.
     truth : of a simulated mission.
-    schema_version, kind, title, object, n_observations, rejected, stations, status : what the name says.
-    orbit_status, message, bound_to_the_sun, V, headline, high, hits, by_prior, moon : what the name says.
-    impact, quantities, regions, grid, draws, fields, history, decisions, ended, warnings : what the name says.
+    schema_version, n_observations, hits : a whole number.
+    kind : Literal["alert"].
+    title, object, message : text.
+    rejected : several, each Rejected.
+    stations, warnings : several, each ....
+    status : Literal["answered", "few_nodes"].
+    orbit_status : Literal["observable", "not_observable"].
+    bound_to_the_sun : true or false.
+    V : a number, or None.
+    headline : Literal["uniform"].
+    high : a number.
+    by_prior : ByPrior.
+    moon : Chance, or None.
+    impact : Impact, or None.
+    quantities : Quantities.
+    regions : by name, Regions.
+    grid : Grid.
+    draws : Draws.
+    fields : several, each Field.
+    history : several, each History.
+    decisions : several, each Decision.
+    ended : None.
     """
 
     SCHEMA: ClassVar[str] = "results/alert.schema.json"

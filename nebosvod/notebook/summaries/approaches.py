@@ -23,7 +23,7 @@ class Magnitude(Typed):
 
     Parameters
     ----------
-    H, G : what the name says.
+    H, G : a number.
     """
 
     H: float
@@ -37,12 +37,14 @@ class Orbit(Typed):
     Parameters
     ----------
     origin : what it was read from.
-    epoch : TDB.
+    epoch : in TDB.
     state_km_km_s : heliocentric ICRF; (6,).
     factor : lower factor of the joint covariance of state and parameters, rows by names; (n, n).
-    sigma : (n,).
-    sigma_position : km.
-    names, parameters, magnitude : what the name says.
+    sigma : in (n,).
+    sigma_position : in km.
+    names : several, each ....
+    parameters : by name, a number.
+    magnitude : Magnitude, or None.
     """
 
     origin: str
@@ -62,23 +64,25 @@ class Approach(Typed):
 
     Parameters
     ----------
-    epoch : TDB.
-    sigma_time : s.
-    distance : km.
-    sigma_distance : km.
-    least_distance_3_sigma : km.
-    speed : km / s.
-    v_infinity : km / s.
-    xi : km.
-    zeta : km.
-    semi_major : km.
-    semi_minor : km.
-    angle : deg.
-    capture_radius : km.
+    epoch : in TDB.
+    sigma_time : in s.
+    distance : in km.
+    sigma_distance : in km.
+    least_distance_3_sigma : in km.
+    speed : in km / s.
+    v_infinity : in km / s.
+    xi : in km.
+    zeta : in km.
+    semi_major : in km.
+    semi_minor : in km.
+    angle : in deg.
+    capture_radius : in km.
     no_plane : why there is no b-plane.
-    longitude : deg.
-    latitude : deg.
-    body, impact, impact_probability_linear : what the name says.
+    longitude : in deg.
+    latitude : in deg.
+    body : text.
+    impact : true or false.
+    impact_probability_linear : a number, or None.
     """
 
     body: str
@@ -108,12 +112,17 @@ class ApproachesSummary(Typed):
 
     Parameters
     ----------
-    from_ : UTC.
-    to : UTC.
-    within : au.
+    from_ : in UTC.
+    to : in UTC.
+    within : in au.
     ended : why the orbit ends early, if it does.
-    schema_version, kind, title, object, orbit, n_approaches, approaches, nearest : what the name says.
-    warnings : what the name says.
+    schema_version, n_approaches : a whole number.
+    kind : Literal["approaches"].
+    title, object : text.
+    orbit : Orbit.
+    approaches : several, each Approach.
+    nearest : Approach, or None.
+    warnings : several, each ....
     """
 
     SCHEMA: ClassVar[str] = "results/approaches.schema.json"

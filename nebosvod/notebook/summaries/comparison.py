@@ -23,7 +23,9 @@ class Run(Typed):
     Parameters
     ----------
     reference_epoch : epoch, TDB; TDB.
-    label, path, nebosvod, estimator, mission, title, object, n_observations, telescopes : what the name says.
+    label, path, nebosvod, estimator, mission, title, object : text.
+    n_observations : a whole number.
+    telescopes : several, each ....
     """
 
     label: str
@@ -44,10 +46,10 @@ class ByRun(Typed):
 
     Parameters
     ----------
-    sigma_position : km.
-    sigma_velocity : m / s.
-    sigma_formal_position : km.
-    method, status : what the name says.
+    sigma_position : in km.
+    sigma_velocity : in m / s.
+    sigma_formal_position : in km.
+    method, status : text.
     """
 
     method: str
@@ -64,7 +66,8 @@ class Estimator(Typed):
     Parameters
     ----------
     ratio_position : to the first run that has it; (n,).
-    name, by_run : what the name says.
+    name : text.
+    by_run : several, each ByRun | None.
     """
 
     name: str
@@ -79,14 +82,16 @@ class PredictionByRun(Typed):
     Parameters
     ----------
     epoch : epoch, TDB; TDB.
-    sigma : (n,).
+    sigma : in (n,).
     sigma_total : root trace.
-    semi_axes : (n,).
-    angle : deg.
-    mean : (n,).
-    covariance : (n, n).
-    factor : (n, n).
-    estimator, unit, sigma_formal_total : what the name says.
+    semi_axes : in (n,).
+    angle : in deg.
+    mean : in (n,).
+    covariance : in (n, n).
+    factor : in (n, n).
+    estimator : text.
+    unit : Literal["km", "arcsec", "m_s"].
+    sigma_formal_total : a number.
     """
 
     estimator: str
@@ -109,7 +114,7 @@ class Budget(Typed):
     Parameters
     ----------
     share : of the variance, by run; (n,).
-    source : what the name says.
+    source : text.
     """
 
     source: str
@@ -123,7 +128,12 @@ class Prediction(Typed):
     Parameters
     ----------
     ratio : to the first run that has it; (n,).
-    name, plane, unit, dimension, comparable, warning, by_run, budget : what the name says.
+    name, warning : text.
+    plane, unit : text, or None.
+    dimension : a whole number.
+    comparable : true or false.
+    by_run : several, each PredictionByRun | None.
+    budget : several, each Budget.
     """
 
     name: str
@@ -143,11 +153,11 @@ class EllipseByRun(Typed):
 
     Parameters
     ----------
-    mean : (n,).
-    covariance : (n, n).
-    semi_axes : (n,).
-    angle : deg.
-    factor : (n, n).
+    mean : in (n,).
+    covariance : in (n, n).
+    semi_axes : in (n,).
+    angle : in deg.
+    factor : in (n, n).
     """
 
     mean: Array
@@ -163,8 +173,10 @@ class Ellipse(Typed):
 
     Parameters
     ----------
-    by_run : (n,).
-    name, plane, unit, sigma_level : what the name says.
+    by_run : in (n,).
+    name : text.
+    plane, unit : text, or None.
+    sigma_level : a number.
     """
 
     name: str
@@ -182,7 +194,11 @@ class ComparisonSummary(Typed):
     ----------
     warnings : what makes numbers of these runs answers to different questions.
     budget : of the position at the reference epoch, by the first estimator of each run.
-    schema_version, runs, estimators, predictions, ellipses : what the name says.
+    schema_version : a whole number.
+    runs : several, each Run.
+    estimators : several, each Estimator.
+    predictions : several, each Prediction.
+    ellipses : several, each Ellipse.
     """
 
     SCHEMA: ClassVar[str] = "results/comparison.schema.json"

@@ -19,13 +19,14 @@ class Visit(Typed):
 
     Parameters
     ----------
-    epoch : TDB.
+    epoch : in TDB.
     quantiles : of the probability after this visit, by level.
     bound : below which (95 %) a quantile of 0 lies: of these no orbit that agrees with the visit hits; None where
         there are none.
     effective_median : orbits that agree with a simulated visit, median over truths.
     redrawn : part of the truths for which orbits were drawn anew.
-    telescope, chance_below, chance_above : what the name says.
+    telescope : text.
+    chance_below, chance_above : a number.
     """
 
     telescope: str
@@ -55,8 +56,11 @@ class DecisionSummary(Typed):
     above : threshold that confirms.
     best : number of the visit most likely to pass a threshold.
     map_error : of the cloud's own map to the target plane, parts of the hits; None where every orbit was flown.
-    schema_version, kind, title, object, bodies, n_hits, seed, visits, never_visible : what the name says.
-    warnings : what the name says.
+    schema_version, n_hits, seed : a whole number.
+    kind : Literal["decision"].
+    title, object : text.
+    bodies, never_visible, warnings : several, each ....
+    visits : several, each Visit.
     """
 
     SCHEMA: ClassVar[str] = "planning/decision.schema.json"

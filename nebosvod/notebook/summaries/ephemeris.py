@@ -19,25 +19,26 @@ class Row(Typed):
 
     Parameters
     ----------
-    epoch : UTC.
-    ra : deg.
-    dec : deg.
+    epoch : in UTC.
+    ra : in deg.
+    dec : in deg.
     rate_ra : in RA cos Dec; arcsec / h.
-    rate_dec : arcsec / h.
+    rate_dec : in arcsec / h.
     sigma_ra : in RA cos Dec; arcsec.
-    sigma_dec : arcsec.
-    semi_major : arcsec.
-    semi_minor : arcsec.
+    sigma_dec : in arcsec.
+    semi_major : in arcsec.
+    semi_minor : in arcsec.
     position_angle : of the long axis, from north to east; deg.
-    distance : au.
-    sigma_distance : km.
-    r : au.
-    phase : deg.
-    elongation : deg.
-    altitude : deg.
-    sun_altitude : deg.
+    distance : in au.
+    sigma_distance : in km.
+    r : in au.
+    phase : in deg.
+    elongation : in deg.
+    altitude : in deg.
+    sun_altitude : in deg.
     not_seen : which limit of a mission's telescope keeps it from being seen.
-    V, twilight : what the name says.
+    V : a number, or None.
+    twilight : Any, or None.
     """
 
     epoch: Time
@@ -68,10 +69,15 @@ class EphemerisSummary(Typed):
 
     Parameters
     ----------
-    from_ : UTC.
-    step : d.
+    from_ : in UTC.
+    step : in d.
     ended : why the orbit ends early, if it does.
-    schema_version, kind, title, object, orbit, observer, n_times, rows, warnings : what the name says.
+    schema_version, n_times : a whole number.
+    kind : Literal["ephemeris"].
+    title, object, observer : text.
+    orbit : Orbit.
+    rows : several, each Row.
+    warnings : several, each ....
     """
 
     SCHEMA: ClassVar[str] = "results/ephemeris.schema.json"

@@ -19,11 +19,12 @@ class Run(Typed):
 
     Parameters
     ----------
-    sigma_position : km.
-    epoch : TDB.
+    sigma_position : in km.
+    epoch : in TDB.
     until : of a risk: its last date; UTC.
     sampling : of a risk: all bodies together, as in its summary.
-    label, path, object, orbit, observer : what the name says.
+    label, path, object, orbit : text.
+    observer : text, or None.
     """
 
     label: str
@@ -44,7 +45,10 @@ class OrbitComparisonSummary(Typed):
     Parameters
     ----------
     warnings : what makes these answers to different questions.
-    schema_version, kind, runs, rows : what the name says.
+    schema_version : a whole number.
+    kind : Literal["ephemeris", "approaches", "risk"].
+    runs : several, each Run.
+    rows : several, each Mapping[str, Any].
     """
 
     SCHEMA: ClassVar[str] = "results/orbit_comparison.schema.json"

@@ -24,7 +24,7 @@ class Prediction(Typed):
     Parameters
     ----------
     epoch : epoch, TDB; TDB.
-    name, plane : what the name says.
+    name, plane : text.
     """
 
     name: str
@@ -57,7 +57,8 @@ class Visit(Typed):
     Parameters
     ----------
     epoch : epoch, TDB; TDB.
-    telescope, sigma_after, reduction_percent : what the name says.
+    telescope : text.
+    sigma_after, reduction_percent : Sigma.
     """
 
     telescope: str
@@ -72,7 +73,8 @@ class BestNext(Typed):
 
     Parameters
     ----------
-    a, d, minimax, guaranteed : what the name says.
+    a, d : Visit.
+    minimax, guaranteed : Visit, or None.
     """
 
     a: Visit
@@ -90,7 +92,9 @@ class Window(Typed):
     epoch : epoch, TDB; TDB.
     window : epochs around the best with at least 90 % of its gain; TDB.
     visible : first and last candidate epoch of each time without a gap in which the object is seen; TDB.
-    telescope, sigma_after, reduction_percent, reduction_per_hour : what the name says.
+    telescope : text.
+    sigma_after, reduction_percent : Sigma.
+    reduction_per_hour : a number.
     """
 
     telescope: str
@@ -109,7 +113,8 @@ class Step(Typed):
     Parameters
     ----------
     epoch : epoch, TDB; TDB.
-    telescope, sigma_after : what the name says.
+    telescope : text.
+    sigma_after : Sigma.
     """
 
     telescope: str
@@ -123,7 +128,8 @@ class Greedy(Typed):
 
     Parameters
     ----------
-    a, d, minimax, guaranteed : what the name says.
+    a, d : several, each Step.
+    minimax, guaranteed : several, each Step, or None.
     """
 
     a: tuple[Step, ...]
@@ -138,10 +144,10 @@ class SigmaAfter(Typed):
 
     Parameters
     ----------
-    a : (n,).
-    d : (n,).
-    minimax : (n,).
-    guaranteed : (n,).
+    a : in (n,).
+    d : in (n,).
+    minimax : in (n,).
+    guaranteed : in (n,).
     """
 
     a: Array
@@ -156,9 +162,10 @@ class Curve(Typed):
 
     Parameters
     ----------
-    epoch_s : (n,), s.
-    epoch : TDB.
-    telescope, sigma_after : what the name says.
+    epoch_s : in (n,), s.
+    epoch : in TDB.
+    telescope : text.
+    sigma_after : SigmaAfter.
     """
 
     telescope: str
@@ -185,8 +192,15 @@ class PlanSummary(Typed):
     windows : the best visit of each telescope, best first.
     never_visible : telescopes that see the object at no candidate epoch.
     uniform : as many visits at even times, the telescopes in turn.
-    schema_version, mission, title, object, prediction, estimator, criterion, sigma_now : what the name says.
-    best_next, greedy, curves, warnings : what the name says.
+    schema_version : a whole number.
+    mission, title, object, estimator : text.
+    prediction : Prediction.
+    criterion : Literal["a", "d", "minimax", "guaranteed"].
+    sigma_now : Sigma.
+    best_next : BestNext.
+    greedy : Greedy.
+    curves : several, each Curve.
+    warnings : several, each ....
     """
 
     SCHEMA: ClassVar[str] = "planning/plan.schema.json"

@@ -21,7 +21,8 @@ class Line(Typed):
     ----------
     kind : corrected to the observations, or as the covariance has it.
     from_sigmas : signed root of chi squared above the least.
-    why_straight, to_sigmas : what the name says.
+    why_straight : text, or None.
+    to_sigmas : a number.
     """
 
     kind: Literal["curved", "straight"]
@@ -37,10 +38,11 @@ class Way(Typed):
     Parameters
     ----------
     way : linear, line_of_variations, importance_sampling, sampling.
-    probability : null where nothing hit: it is below high.
+    probability : None where nothing hit: it is below high.
     bound : no hit: only high is known, with 95 %.
     note : what limits it.
-    low, high, draws, hits, effective_hits : what the name says.
+    low, high, effective_hits : a number.
+    draws, hits : a whole number.
     """
 
     way: str
@@ -77,15 +79,15 @@ class Level(Typed):
     Parameters
     ----------
     epoch : mean over the orbits that hit; UTC.
-    sigma_time : s.
+    sigma_time : in s.
     longitude : of the point amid the others, geodetic; None on other bodies than the Earth; deg.
-    latitude : deg.
+    latitude : in deg.
     semi_major : 1 sigma ellipse on the ground, where the points form one; km.
-    semi_minor : km.
+    semi_minor : in km.
     angle_from_east : of its long axis, towards north; deg.
     no_ellipse : why there is none.
-    speed : km / s.
-    below_horizon : deg.
+    speed : in km / s.
+    below_horizon : in deg.
     """
 
     epoch: Time
@@ -107,7 +109,7 @@ class Corridor(Typed):
     Parameters
     ----------
     grazing_probability : to come below 100 km and not to the ground; not counted as a hit.
-    entry_100_km, ground : what the name says.
+    entry_100_km, ground : Level, or None.
     """
 
     entry_100_km: Level | None
@@ -128,7 +130,9 @@ class BudgetRow(Typed):
     elasticity_reoptimised_error : standard error.
     log_odds : d ln(P/(1 - P)) / d ln sigma, where P > 0.5.
     share : of the variance along the line, where there is one.
-    source, log_odds_error, probability_if_halved, probability_if_halved_error : what the name says.
+    source : text.
+    log_odds_error : a number, or None.
+    probability_if_halved, probability_if_halved_error : a number.
     """
 
     source: str
@@ -152,7 +156,8 @@ class Budget(Typed):
     probability : by the weights of the draws: may exceed 1 by their scatter.
     enough : whether the hits are enough for elasticities that can be trusted.
     sigmas : how far along the line the hits are.
-    effective_hits, rows : what the name says.
+    effective_hits : a number.
+    rows : several, each BudgetRow.
     """
 
     probability: float
@@ -169,8 +174,8 @@ class VirtualImpactor(Typed):
     Parameters
     ----------
     number : names its arrays: hits_K, xi_zeta_km_K and so on.
-    epoch : TDB.
-    sigma_time : s.
+    epoch : in TDB.
+    sigma_time : in s.
     recommended : the way to go by.
     energy_mt : mt of TNT; None for other bodies than the Earth and without a magnitude.
     sigmas : nu along the line of variations.
@@ -179,7 +184,14 @@ class VirtualImpactor(Typed):
     v_infinity : of the drawn orbits, median; km / s.
     no_budget : why there is no budget.
     approach : of the estimate itself; None where it has none there.
-    body, probability, low, high, bound, reason, ways, palermo, torino, corridor, budget : what the name says.
+    body, reason : text.
+    probability, palermo : a number, or None.
+    low, high : a number.
+    bound : true or false.
+    ways : several, each Way.
+    torino : a whole number, or None.
+    corridor : Corridor, or None.
+    budget : Budget, or None.
     """
 
     number: int
@@ -212,11 +224,14 @@ class Night(Typed):
 
     Parameters
     ----------
-    until : UTC.
+    until : in UTC.
     recommended : the way that says so.
     semi_major : 1 sigma in the target plane; km.
-    semi_minor : km.
-    n_observations, probability, low, high, bound : what the name says.
+    semi_minor : in km.
+    n_observations : a whole number.
+    probability : a number, or None.
+    low, high : a number.
+    bound : true or false.
     """
 
     until: Time
@@ -237,16 +252,22 @@ class RiskSummary(Typed):
     Parameters
     ----------
     on : from when the years of the Palermo scale count; UTC.
-    until : UTC.
+    until : in UTC.
     coordinates : in which the uncertainty is an ellipsoid.
     line : the line of variations; None where the estimate cannot be flown.
-    diameter : km.
-    density : kg / m3.
+    diameter : in km.
+    density : in kg / m3.
     size_from : where diameter and density come from.
     sampling : all bodies together.
     history : after each night of the observations, where asked for.
-    schema_version, kind, title, object, orbit, bodies, seed, n_draws : what the name says.
-    n_virtual_impactors, virtual_impactors, palermo_cumulative, ended, warnings : what the name says.
+    schema_version, seed, n_draws, n_virtual_impactors : a whole number.
+    kind : Literal["risk"].
+    title, object : text.
+    orbit : Orbit.
+    bodies, warnings : several, each ....
+    virtual_impactors : several, each VirtualImpactor.
+    palermo_cumulative : a number, or None.
+    ended : text, or None.
     """
 
     SCHEMA: ClassVar[str] = "results/risk.schema.json"

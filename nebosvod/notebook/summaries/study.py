@@ -22,7 +22,7 @@ class Mission(Typed):
 
     Parameters
     ----------
-    name, sha256 : what the name says.
+    name, sha256 : text.
     """
 
     name: str
@@ -35,7 +35,7 @@ class Versions(Typed):
 
     Parameters
     ----------
-    nebosvod, numpy : what the name says.
+    nebosvod, numpy : text.
     """
 
     nebosvod: str
@@ -48,7 +48,8 @@ class Sample(Typed):
 
     Parameters
     ----------
-    method, n, seed : what the name says.
+    method : Literal["grid", "sobol", "latin"].
+    n, seed : a whole number.
     """
 
     method: Literal["grid", "sobol", "latin"]
@@ -62,7 +63,12 @@ class Vary(Typed):
 
     Parameters
     ----------
-    name, set, unit, numeric, log, n_values, least, largest, values : what the name says.
+    name, unit : text.
+    set : several, each ....
+    numeric, log : true or false.
+    n_values : a whole number.
+    least, largest : a number, or None.
+    values : several, each str | float | None, or None.
     """
 
     name: str
@@ -82,8 +88,13 @@ class Answer(Typed):
 
     Parameters
     ----------
-    before : d.
-    name, of, unit, shares, n, least, median, largest, leading, title : what the name says.
+    before : in d.
+    name, of, unit : text.
+    shares : true or false.
+    n : a whole number, or None.
+    least, median, largest : a number, or None.
+    leading : by name, a whole number, or None.
+    title : text, or None.
     """
 
     name: str
@@ -105,7 +116,9 @@ class Failure(Typed):
 
     Parameters
     ----------
-    row, status, message : what the name says.
+    row : a whole number.
+    status : Literal["failed", "no_answer"].
+    message : text.
     """
 
     row: int
@@ -119,8 +132,10 @@ class Seen(Typed):
 
     Parameters
     ----------
-    interval_95 : (2,).
-    where, n, n_seen, share : what the name says.
+    interval_95 : in (2,).
+    where : by name, str | float | None.
+    n, n_seen : a whole number.
+    share : a number.
     """
 
     where: Mapping[str, str | float | None]
@@ -136,7 +151,7 @@ class Where(Typed):
 
     Parameters
     ----------
-    name, condition : what the name says.
+    name, condition : text.
     """
 
     name: str
@@ -149,7 +164,14 @@ class Find(Typed):
 
     Parameters
     ----------
-    objective, direction, cost, where, n_feasible, found, row, values, reason : what the name says.
+    objective : text.
+    direction : Literal["minimise", "maximise"].
+    cost, reason : text, or None.
+    where : several, each Where.
+    n_feasible : a whole number.
+    found : true or false.
+    row : a whole number, or None.
+    values : by name, str | float | None, or None.
     """
 
     objective: str
@@ -169,7 +191,9 @@ class Pareto(Typed):
 
     Parameters
     ----------
-    objective, against, condition, limit, rows : what the name says.
+    objective, against, condition : text.
+    limit : a number.
+    rows : several, each a whole number.
     """
 
     objective: str
@@ -185,7 +209,8 @@ class Slope(Typed):
 
     Parameters
     ----------
-    answer, at_least, at_largest : what the name says.
+    answer : text.
+    at_least, at_largest : a number.
     """
 
     answer: str
@@ -199,8 +224,11 @@ class Each(Typed):
 
     Parameters
     ----------
-    name, set, unit, now, needed, floor, without, matters, verdict, no_better_below : what the name says.
-    no_worse_above : what the name says.
+    name, unit, verdict : text.
+    set : several, each ....
+    now : a number.
+    needed, floor, without, no_better_below, no_worse_above : a number, or None.
+    matters : true or false.
     """
 
     name: str
@@ -222,7 +250,10 @@ class Together(Typed):
 
     Parameters
     ----------
-    values, answer, cost, cost_equally, converged : what the name says.
+    values : by name, a number.
+    answer : a number, or None.
+    cost, cost_equally : a number.
+    converged : true or false.
     """
 
     values: Mapping[str, float]
@@ -238,10 +269,12 @@ class Averaging(Typed):
 
     Parameters
     ----------
-    D0 : (6, 6).
-    sigma : arcsec.
-    sigma_position : km.
-    n, n_needed, n_where_equal, floor, D0_names, components : what the name says.
+    D0 : in (6, 6).
+    sigma : in arcsec.
+    sigma_position : in km.
+    n, components : a whole number.
+    n_needed, n_where_equal, floor : a number, or None.
+    D0_names : several, each ....
     """
 
     n: int
@@ -261,7 +294,14 @@ class Require(Typed):
 
     Parameters
     ----------
-    answer, wanted, limit, now, cost, evaluations, each, together, averaging : what the name says.
+    answer, wanted : text.
+    limit : a number.
+    now : a number, or None.
+    cost : text, or None.
+    evaluations : a whole number.
+    each : several, each Each.
+    together : Together, or None.
+    averaging : Averaging, or None.
     """
 
     answer: str
@@ -281,9 +321,10 @@ class Index(Typed):
 
     Parameters
     ----------
-    first_order_interval_95 : (2,).
-    total_interval_95 : (2,).
-    name, first_order, total : what the name says.
+    first_order_interval_95 : in (2,).
+    total_interval_95 : in (2,).
+    name : text.
+    first_order, total : a number.
     """
 
     name: str
@@ -299,7 +340,9 @@ class Sensitivity(Typed):
 
     Parameters
     ----------
-    answer, n, n_left_out, indices : what the name says.
+    answer : text.
+    n, n_left_out : a whole number.
+    indices : several, each Index.
     """
 
     answer: str
@@ -314,8 +357,11 @@ class PopulationSeen(Typed):
 
     Parameters
     ----------
-    interval_95 : (2,).
-    where, group, n, k, share : what the name says.
+    interval_95 : in (2,).
+    where : by name, Any.
+    group : text.
+    n, k : a whole number.
+    share : a number, or None.
     """
 
     where: Mapping[str, Any]
@@ -332,8 +378,11 @@ class Number(Typed):
 
     Parameters
     ----------
-    before : d.
-    where, answer, unit, n, n_with, p05, p25, p50, p75, p95 : what the name says.
+    before : in d.
+    where : by name, Any.
+    answer, unit : text.
+    n, n_with : a whole number.
+    p05, p25, p50, p75, p95 : a number, or None.
     """
 
     where: Mapping[str, Any]
@@ -355,8 +404,9 @@ class Impactors(Typed):
 
     Parameters
     ----------
-    interval_95 : (2,).
-    n, k, share : what the name says.
+    interval_95 : in (2,).
+    n, k : a whole number.
+    share : a number, or None.
     """
 
     n: int
@@ -371,8 +421,8 @@ class FalsePerImpactor(Typed):
 
     Parameters
     ----------
-    interval_95 : (2,).
-    value : what the name says.
+    interval_95 : in (2,).
+    value : a number.
     """
 
     value: float
@@ -385,8 +435,11 @@ class Warned(Typed):
 
     Parameters
     ----------
-    before : d.
-    where, impactors, misses, false_per_impactor : what the name says.
+    before : in d.
+    where : by name, Any.
+    impactors : Impactors.
+    misses : Impactors, or None.
+    false_per_impactor : FalsePerImpactor, or None.
     """
 
     where: Mapping[str, Any]
@@ -402,7 +455,8 @@ class PopulationWarning(Typed):
 
     Parameters
     ----------
-    answer, at_least : what the name says.
+    answer : text.
+    at_least : a number.
     """
 
     answer: str
@@ -415,7 +469,12 @@ class Population(Typed):
 
     Parameters
     ----------
-    n_impactors, n_misses, draws, shared, seen, numbers, warned, warning : what the name says.
+    n_impactors, n_misses, draws : a whole number.
+    shared : true or false.
+    seen : several, each PopulationSeen.
+    numbers : several, each Number.
+    warned : several, each Warned.
+    warning : PopulationWarning, or None.
     """
 
     n_impactors: int
@@ -434,9 +493,24 @@ class StudySummary(Typed):
 
     Parameters
     ----------
-    schema_version, kind, study, title, mission, versions, method, sample, draws, seed : what the name says.
-    vary, answers, n_points, n_rows, n_failed, n_without_answer, failures, seen, find : what the name says.
-    pareto, slopes, require, sensitivity, shared_errors, n_not_determined, population : what the name says.
+    schema_version, draws, seed, n_points, n_rows, n_failed, n_without_answer : a whole number.
+    kind : Literal["study"].
+    study, title, method : text.
+    mission : Mission.
+    versions : Versions.
+    sample : Sample.
+    vary : several, each Vary.
+    answers : several, each Answer.
+    failures : several, each Failure.
+    seen : several, each Seen.
+    find : Find, or None.
+    pareto : Pareto, or None.
+    slopes : several, each Slope.
+    require : Require, or None.
+    sensitivity : several, each Sensitivity.
+    shared_errors : true or false, or None.
+    n_not_determined : a whole number, or None.
+    population : Population, or None.
     """
 
     SCHEMA: ClassVar[str] = "studies/study.schema.json"

@@ -1,5 +1,6 @@
 """What the classes of summaries have in common: they show themselves in a line, and in a notebook as a table."""
 
+import warnings
 from collections.abc import Mapping
 from dataclasses import fields
 from html import escape
@@ -32,7 +33,10 @@ class Typed:
     def _shown(self) -> list[tuple[str, str]]:
         """Name and value of each field that has one."""
         named = ((one.name, getattr(self, one.name)) for one in fields(self))  # type: ignore[arg-type]
-        return [(name, told(value)) for name, value in named if value is not None]
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # erfa calls every UTC date to come dubious
+            shown = [(name, told(value)) for name, value in named if value is not None]
+        return [(name, words) for name, words in shown if words]
 
 
 def told(value: Any) -> str:

@@ -44,8 +44,8 @@ class Coverage(Typed):
     p : probability of so unlikely a value when the claim is right.
     rejected : by Holm's rule at the family level.
     interval : where the value lies when the claim is right, at Bonferroni's level; (2,).
-    value_interval_99 : (2,).
-    fraction : what the name says.
+    value_interval_99 : in (2,).
+    fraction : a number.
     """
 
     value: float
@@ -66,7 +66,7 @@ class Whitened(Typed):
     p : probability of so unlikely a value when the claim is right.
     rejected : by Holm's rule at the family level.
     interval : where the value lies when the claim is right, at Bonferroni's level; (2,).
-    component : what the name says.
+    component : a whole number.
     """
 
     value: float
@@ -89,7 +89,8 @@ class Direction(Typed):
     group : position, velocity, parameter or the name of a prediction.
     sigma_sample : root mean square error of the runs.
     optimism_percent : sample sigma over claimed sigma, less one; positive: the claim is too small.
-    name, unit, sigma_claimed, mean_error : what the name says.
+    name, unit : text.
+    sigma_claimed, mean_error : a number.
     """
 
     value: float
@@ -115,7 +116,7 @@ class Prediction(Typed):
     p : probability of so unlikely a value when the claim is right.
     rejected : by Holm's rule at the family level.
     interval : where the value lies when the claim is right, at Bonferroni's level; (2,).
-    group : what the name says.
+    group : text.
     """
 
     value: float
@@ -135,7 +136,7 @@ class Nis(Typed):
     p : probability of so unlikely a value when the claim is right.
     rejected : by Holm's rule at the family level.
     interval : where the value lies when the claim is right, at Bonferroni's level; (2,).
-    telescope : what the name says.
+    telescope : text.
     """
 
     value: float
@@ -151,9 +152,9 @@ class NeesQuantiles(Typed):
 
     Parameters
     ----------
-    probability : (n,).
-    sample : (n,).
-    chi_square : (n,).
+    probability : in (n,).
+    sample : in (n,).
+    chi_square : in (n,).
     """
 
     probability: Array
@@ -175,7 +176,12 @@ class Judgement(Typed):
     predictions : predictions of several components as a whole.
     nis : normalised innovations squared of each telescope, over their components.
     nees_quantiles : for a figure: NEES of the runs against chi-square.
-    consistent, verdict, family_level, n_tests, n_rejected, coverage, directions : what the name says.
+    consistent : true or false.
+    verdict : text.
+    family_level : a number.
+    n_tests, n_rejected : a whole number.
+    coverage : several, each Coverage.
+    directions : several, each Direction.
     """
 
     claimed: bool
@@ -201,7 +207,7 @@ class Judged(Typed):
 
     Parameters
     ----------
-    true, formal : what the name says.
+    true, formal : Judgement, or None.
     """
 
     true: Judgement | None
@@ -219,7 +225,9 @@ class Estimator(Typed):
     n_failed : runs without an estimate.
     check_sigma : largest difference, in sigmas, between one factorisation for all runs and the estimator's own
         method; None in full mode.
-    name, method, status, claims_formal, passed, judged : what the name says.
+    name, method, status : text.
+    claims_formal, passed : true or false.
+    judged : Judged.
     """
 
     name: str
@@ -240,11 +248,17 @@ class ValidationSummary(Typed):
 
     Parameters
     ----------
-    reference_epoch : TDB.
+    reference_epoch : in TDB.
     second_order_sigma : what one linear step leaves out, in sigmas of the estimate; None where it leads to no
         orbit. From 0.05 on estimates are iterated.
-    schema_version, mission, title, object, n_observations, telescopes, versions : what the name says.
-    mission_sha256, seed, n_runs, mode, method, family_level, passed, verdict, estimators : what the name says.
+    schema_version, n_observations, seed, n_runs : a whole number.
+    mission, title, object, mission_sha256, method, verdict : text.
+    telescopes : several, each ....
+    versions : by name, text.
+    mode : Literal["linear", "full"].
+    family_level : a number.
+    passed : true or false.
+    estimators : several, each Estimator.
     """
 
     SCHEMA: ClassVar[str] = "studies/validation.schema.json"

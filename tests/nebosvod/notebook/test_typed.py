@@ -4,6 +4,7 @@ import importlib
 import inspect
 import re
 import runpy
+import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import fields, is_dataclass
 from pathlib import Path
@@ -113,9 +114,11 @@ def _study(here: Path) -> Path:
 def test_what_is_typed_is_what_the_json_says(kind: str, impactor: Any, tmp_path: Path) -> None:
     answer = ANSWERS[kind](impactor, tmp_path)
     typed = answer.typed
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # what a notebook shows brings no warning with it
+        assert len(repr(typed)) < 1500
+        assert "<caption>" in typed._repr_html_()
     met(answer.summary, typed)
-    assert len(repr(typed)) < 1500
-    assert "<caption>" in typed._repr_html_()
 
 
 MODULES = sorted(path.stem for path in (ROOT / "nebosvod" / "notebook" / "summaries").glob("*.py"))
