@@ -82,6 +82,8 @@ def print_study(found: Mapping[str, Any], folder: Path) -> None:
         )
     if found.get("population"):
         _print_population(found["population"])
+    for one in found.get("paired", []):
+        click.echo(f"  {paired_words(one)}")
     if found["find"]:
         click.echo(f"found: {found_words(found)}")
     if found["require"]:
@@ -121,6 +123,16 @@ def _share_words(one: Mapping[str, Any]) -> str:
 def _where_words(one: Mapping[str, Any]) -> str:
     said = ", ".join(f"{name} {_number(value)}" for name, value in one["where"].items())
     return f"; {said}" if said else ""
+
+
+def paired_words(one: Mapping[str, Any]) -> str:
+    """What one setting sees of the same objects beside the first one."""
+    here, first = (", ".join(f"{name} {_number(value)}" for name, value in one[k].items()) for k in ("where", "than"))
+    low, high = (f"{100 * value:+.2g}" for value in one["interval_95"])
+    return (
+        f"{here} beside {first}, the same {counted(one['n'], 'object')}: {one['only_here']} seen only here, "
+        f"{one['only_first']} only there; {100 * one['difference']:+.2g} % (95 %: {low} to {high} %), p {one['p']:.2g}"
+    )
 
 
 def found_words(found: Mapping[str, Any]) -> str:

@@ -26,7 +26,7 @@ from nebosvod.report.study_figures import (
     shares_plate,
     titled,
 )
-from nebosvod.report.study_population import KIND, seen_table, sky_plate, time_plates, warned_table
+from nebosvod.report.study_population import KIND, paired_table, seen_table, sky_plate, time_plates, warned_table
 from nebosvod.report.study_words import is_number, page_unit
 
 Item = Mapping[str, Any]
@@ -66,6 +66,7 @@ def make_study_page(found: Item, columns: Columns) -> str:
         together=study_words.together(found),
         averaging=_averaging(found),
         seen=_seen(found),
+        paired=paired_table(found),
         population=_population(found, columns),
         answers=_answer_table(found),
         table=_download(found, columns),

@@ -34,6 +34,28 @@ def seen_table(found: Item) -> Table:
     )
 
 
+def paired_table(found: Item) -> Table | None:
+    """Who sees what another setting does not, of the same objects."""
+    rows: list[tuple[Cell, ...]] = []
+    for one in found.get("paired") or []:
+        low, high = (f"{100.0 * value:+.2g}" for value in one["interval_95"])
+        rows.append(
+            (
+                *_where(one), str(one["only_here"]), str(one["only_first"]),
+                f"{100.0 * one['difference']:+.2g} ({low} to {high}) %", quantity(one["p"], "", 2),
+            )
+        )  # fmt: skip
+    if not rows:
+        return None
+    first = found["paired"][0]["than"]
+    beside = ", ".join(f"{name} {shown}" for name, shown in zip(first, _where({"where": first})))
+    head: tuple[Cell, ...] = (
+        *first, "only here", f"only with {beside}", "difference of shares, 95 % interval", "p, if neither saw more",
+    )  # fmt: skip
+    caption = Markup("The same {} objects, beside {}").format(found["paired"][0]["n"], beside)
+    return Table(caption=caption, head=head, align="l" * len(first) + "rrrr", rows=tuple(rows))
+
+
 def warned_table(found: Item) -> Table | None:
     """Who is warned of, and how often for nothing."""
     if not found["warned"]:

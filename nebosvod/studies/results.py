@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from nebosvod.results.result import Table, ecsv_text
 from nebosvod.studies.finding import completeness, found_point, pareto, sensitivities, slopes
+from nebosvod.studies.paired import paired
 from nebosvod.studies.population import DRAWN_UNITS, drawn_columns, population
 from nebosvod.studies.question import Study
 from nebosvod.studies.stored import require_parquet
@@ -131,6 +132,7 @@ def summary_of(study: Study, table: StudyTable, required: dict[str, Any] | None 
         "seen": completeness(study, columns),
         "n_not_determined": int(np.sum(status == "not_determined")),
         "population": population(study, columns),
+        "paired": paired(study, columns),
         "find": found_point(study, columns),
         "pareto": pareto(study, columns),
         "slopes": slopes(study, columns),

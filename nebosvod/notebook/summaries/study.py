@@ -352,6 +352,28 @@ class Sensitivity(Typed):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+class Paired(Typed):
+    """Paired.
+
+    Parameters
+    ----------
+    interval_95 : in (2,).
+    where, than : by name, Any.
+    n, only_first, only_here : a whole number.
+    difference, p : a number.
+    """
+
+    where: Mapping[str, Any]
+    than: Mapping[str, Any]
+    n: int
+    only_first: int
+    only_here: int
+    difference: float
+    interval_95: Array
+    p: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class PopulationSeen(Typed):
     """Population seen.
 
@@ -510,6 +532,7 @@ class StudySummary(Typed):
     sensitivity : several, each Sensitivity.
     shared_errors : true or false, or None.
     n_not_determined : a whole number, or None.
+    paired : several, each Paired, or None.
     population : Population, or None.
     """
 
@@ -539,4 +562,5 @@ class StudySummary(Typed):
     sensitivity: tuple[Sensitivity, ...]
     shared_errors: bool | None
     n_not_determined: int | None
+    paired: tuple[Paired, ...] | None
     population: Population | None
