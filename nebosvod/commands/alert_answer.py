@@ -34,7 +34,7 @@ def alert_lines(summary: Row) -> Iterator[str]:
     out = f", {len(summary['rejected'])} more left out as gross errors" if summary["rejected"] else ""
     yield (
         f"{summary['object']}: {counted(summary['n_observations'], 'observation')} over {arc(summary)}, "
-        f"{summary['first_utc'][:16].replace('T', ' ')} to {summary['last_utc'][11:16]} UTC, "
+        f"{summary['first_utc'][:16].replace('T', ' ')} to {_until(summary)} UTC, "
         f"by {', '.join(summary['stations'])}{out}"
     )
     yield headline(summary)
@@ -64,6 +64,12 @@ def alert_lines(summary: Row) -> Iterator[str]:
     grid = summary["grid"]
     heavy = grid["effective"][summary["headline"]]
     yield f"\n{grid['n_nodes']} nodes of the grid, {heavy:.0f} carry the weight; chi2 of the best {grid['chi2']:.2f}"
+
+
+def _until(summary: Row) -> str:
+    """The time of the last observation, with its date where that is another one."""
+    first, last = str(summary["first_utc"]), str(summary["last_utc"])[:16].replace("T", " ")
+    return last[11:] if first[:10] == last[:10] else last
 
 
 def arc(summary: Row) -> str:

@@ -131,6 +131,17 @@ def fit_every(
     ephemeris = load_ephemeris(mission)
     failed, summaries = False, []
     for name, found in every(mission, ephemeris, say, export=export):
+        instead = None
+        if isinstance(found, GeometryError | EventError):
+            instead = first_hour(gather(mission).of(name), mission, ephemeris, lambda message: None)
+        if instead is not None and isinstance(found, NebosvodError):
+            source = str(mission.fit.observations[0])
+            with OwnedFolder(folder / slug(name, "object"), report_text, overwrite=overwrite) as target:
+                target.publish(in_place_of(found, instead, ephemeris, source, time.time()))
+            summaries.append(instead.summary)
+            if not as_json:
+                click.echo(line_of(instead.summary))
+            continue
         if isinstance(found, NebosvodError):
             failed = True
             said = str(found) if str(found).startswith(f"{name}: ") else f"{name}: {found}"

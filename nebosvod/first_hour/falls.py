@@ -29,6 +29,7 @@ WATCHED_KM = 1e9  # every closest approach is told
 LOOK_S = 0.5 * DAY_S
 TARGET_KM = 3e4  # a cell that misses by as much may hold orbits that hit
 FIRST, MORE, ROUNDS = 150, 100, 2
+WORTH, POINTS = 1e-3, 200.0  # a probability that has a corridor, and of how many effective points
 CLEAR = 1e-6  # of a cell: it need not be looked at again
 TAIL = 0.025
 FEW_HITS = 5.0
@@ -96,7 +97,18 @@ def fall(grid: Grid, within_d: float, rng: np.random.Generator) -> Falls:
         if not number.any():
             break
         found = found.joined(flown(tracklet, draw(grid, number, rng), within_d))
-    return found
+    number = _of_the_corridor(grid, found)
+    return found.joined(flown(tracklet, draw(grid, number, rng), within_d)) if number.any() else found
+
+
+def _of_the_corridor(grid: Grid, found: Falls) -> Rows:
+    """How many more to draw in each cell, so that enough of those that hit tell where they come down."""
+    w = np.where(found.hits(), found.draws.weight(), 0.0)
+    hitting = np.bincount(found.draws.cell, w, len(grid.nodes))
+    if not hitting.sum() > WORTH or np.sum(w) ** 2 >= POINTS * np.sum(w**2):
+        return np.zeros(len(hitting), dtype=np.int64)
+    more: Rows = np.rint(POINTS * hitting / hitting.sum()).astype(np.int64)
+    return more
 
 
 def _unclear(grid: Grid, found: Falls, count: int) -> Rows:
@@ -182,8 +194,9 @@ def chance(grid: Grid, falls: Falls, prior: str = HEADLINE, body: str = "earth")
 
     Notes
     -----
-    Its error is that of stratified sampling, cell by cell; the interval that of as many plain draws as would have the
-    same error. Without a hit the bound is 3/N of the orbits that were flown, times what they weigh.
+    Its error is that of stratified sampling, cell by cell: whether an orbit hits, and what it weighs beside others of
+    its cell. The interval is that of as many plain draws as would have the same error. Without a hit the bound is 3/N
+    of the orbits that were flown, times what they weigh.
     """
     w, hit, cell, m = falls.draws.weight(prior), falls.hits(body), falls.draws.cell, len(grid.nodes)
     if not hit.any():
@@ -194,9 +207,24 @@ def chance(grid: Grid, falls: Falls, prior: str = HEADLINE, body: str = "earth")
     p = min(float(w @ hit), 1.0)
     guess, drawn = _of_cells(grid, falls, hit), np.maximum(np.bincount(cell, minlength=m), 1)
     guess = np.where(np.bincount(cell, falls.flown, m) > 0, guess, 0.0)  # nobody of these comes near
-    variance = float(np.sum(np.bincount(cell, w, m) ** 2 * guess * (1.0 - guess) / drawn))
+    shares2 = np.bincount(cell, w, m) ** 2 / drawn
+    variance = float(shares2 @ (guess * (1.0 - guess)))
+    if variance > 0.0:  # where all agree, effective draws decide
+        variance += _unevenness(falls.draws, prior) * float(shares2 @ (guess * (1.0 - p) ** 2 + (1.0 - guess) * p**2))
     low, high = interval(p, variance, falls.draws.effective(prior))
     return Chance(probability=p, low=low, high=high, hits=int(hit.sum()), bound=low == 0.0 and p * len(w) < 1.0)
+
+
+def _unevenness(draws: Draws, prior: str) -> float:
+    """Variance of the weights of draws of one cell, relative to the square of their mean: that of all cells of two."""
+    cell, log = draws.cell, draws.log_density[prior]
+    a = np.exp(log - log.max())
+    number = np.bincount(cell)
+    mean = np.bincount(cell, a) / np.maximum(number, 1)
+    squares = np.bincount(cell, (a - mean[cell]) ** 2)
+    several = number > 1
+    total = float(np.sum(mean[several] ** 2))
+    return float(np.sum(squares[several] / (number[several] - 1.0))) / total if total > 0.0 else 0.0
 
 
 def interval(p: float, variance: float, draws: float) -> tuple[float, float]:

@@ -10,6 +10,7 @@ from nebosvod.first_hour.contour import contours
 from nebosvod.first_hour.draws import Draws
 from nebosvod.first_hour.region import SLOPE, magnitudes_of
 from nebosvod.first_hour.sight import lines, together
+from nebosvod.first_hour.tangent import Tangent, angles
 from nebosvod.first_hour.tracklet import Tracklet
 from nebosvod.observation import Telescope
 from nebosvod.observation.measurement.direction import angle_between
@@ -74,32 +75,13 @@ def _magnitude(H: Array, place: Array, line: Array) -> float:
 def _field(name: str, epoch: Epoch, line: Array, magnitude: float | None, fallen: float) -> Field:
     """One field from lines of sight (m, 3)."""
     u = line / np.linalg.norm(line, axis=1)[:, None]
-    centre = u.mean(axis=0) / np.linalg.norm(u.mean(axis=0))
-    east = np.cross([0.0, 0.0, 1.0], centre)
-    east = east / np.linalg.norm(east) if np.linalg.norm(east) > 1e-9 else np.array([1.0, 0.0, 0.0])
-    north = np.cross(centre, east)
-    # equidistant about the middle, so that the whole sky has a place
-    across = np.stack([u @ east, u @ north], axis=1)
-    sine = np.linalg.norm(across, axis=1)
-    plane = across * (np.arctan2(sine, u @ centre) / np.maximum(sine, 1e-15))[:, None]
+    tangent = Tangent.about(u)
+    plane = tangent.onto(u)
     away = (plane - plane.mean(axis=0)).T / np.sqrt(len(plane))
     sigma = np.linalg.svd(np.hstack([away, np.zeros((2, 2))]), compute_uv=False)
-    around = {
-        share: [_on_the_sky(edge, centre, east, north) for edge in edges] for share, edges in contours(plane).items()
-    }
+    drawn = contours(plane)
+    around = {share: [angles(tangent.back(edge)) for edge in edges] for share, edges in drawn.items()}
     return Field(
-        telescope=name, epoch=epoch, psi=_psi(u), middle=_psi(centre[None])[0], sigma_rad=sigma, contours=around,
-        magnitude=magnitude, fallen=fallen,
+        telescope=name, epoch=epoch, psi=angles(u), middle=angles(tangent.centre[None])[0], sigma_rad=sigma,
+        contours=around, magnitude=magnitude, fallen=fallen,
     )  # fmt: skip
-
-
-def _psi(u: Array) -> Array:
-    """RA in [0, 2 pi) and Dec (m, 2) of unit vectors (m, 3)."""
-    return np.stack([np.arctan2(u[:, 1], u[:, 0]) % (2.0 * np.pi), np.arcsin(np.clip(u[:, 2], -1.0, 1.0))], axis=1)
-
-
-def _on_the_sky(plane: Array, centre: Array, east: Array, north: Array) -> Array:
-    """RA and Dec (k, 2) of points of the plane."""
-    angle = np.linalg.norm(plane, axis=1)[:, None]
-    toward = (plane[:, :1] * east + plane[:, 1:] * north) / np.maximum(angle, 1e-15)
-    return _psi(np.cos(angle) * centre + np.sin(angle) * toward)

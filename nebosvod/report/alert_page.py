@@ -260,10 +260,16 @@ def _corridor(summary: Item, arrays: Arrays) -> list[Plate]:
         return []
     edges = [np.array(edge) for share in ("68", "95") for edge in summary["impact"]["contours_deg"][share]]
     one = Corridor(
-        name="on the ground", points=arrays["fall_place_deg"], outlines=edges, outlines_name="68 and 95 % of them"
+        name="end of a drawn orbit",
+        points=arrays["fall_place_deg"],
+        outlines=edges,
+        outlines_name="68 and 95 % of them",
     )
     return maps(
-        "fall", [one], "Where it may fall", Markup("Drawn orbits that hit the Earth, where they reach the ground.")
+        "fall",
+        [one],
+        "Where it may fall",
+        Markup("Drawn orbits that hit the Earth, where they end: at a height drawn between the ground and 50 km."),
     )
 
 

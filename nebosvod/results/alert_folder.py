@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from nebosvod.dynamics import Ephemeris
 from nebosvod.first_hour.alert import KNOWN, Alert
-from nebosvod.first_hour.corridor import ENTRY_KM, Corridor
+from nebosvod.first_hour.corridor import ENTRY_KM, HIGHEST_END_KM, Corridor
 from nebosvod.first_hour.decision import Decision
 from nebosvod.first_hour.falls import Chance, epoch_of
 from nebosvod.first_hour.grid import ENOUGH, HEADLINE
@@ -52,10 +52,11 @@ def fall_row(found: Alert) -> Row | None:
 
 
 def corridor_row(place: Corridor) -> Row:
-    """Quantiles of the points of fall; longitudes run on beyond 180 where they lie across the date line."""
+    """Quantiles of the ends of orbits, at heights in `end_km`; longitudes run on beyond 180 across the date line."""
     return {
         "longitude_deg": spread_row(place.longitude_deg, place.weight),
         "latitude_deg": spread_row(place.place_deg[:, 1], place.weight),
+        "end_km": [0.0, HIGHEST_END_KM],
         "entry_km": ENTRY_KM,
         "speed_km_s": spread_row(place.speed_km_s, place.weight),
         "elevation_deg": spread_row(place.elevation_deg, place.weight),
@@ -214,6 +215,7 @@ def arrays_of(found: Alert) -> dict[str, npt.NDArray[Any]]:
         place = found.corridor
         arrays |= {
             "fall_weight": place.weight, "fall_t_s": place.t_s, "fall_place_deg": place.place_deg,
+            "fall_height_km": place.height_km,
             "entry_t_s": place.entry_t_s, "entry_place_deg": place.entry_deg, "entry_speed_km_s": place.speed_km_s,
             "entry_elevation_deg": place.elevation_deg,
         }  # fmt: skip

@@ -1,0 +1,110 @@
+"""Regions of 68 and 95 %: of clouds with a known density, of made-up impactors, of three that fell."""
+
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from nebosvod.dynamics import Ephemeris
+from nebosvod.first_hour.alert import Question, alert
+from nebosvod.first_hour.contour import contours
+from nebosvod.first_hour.tangent import Tangent, angles, directions
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+from hour_real import DATA, FILES, answered  # type: ignore[import-not-found]
+from impactors import impactor, inside  # type: ignore[import-not-found]
+
+needs_data = pytest.mark.skipif(not DATA.is_dir(), reason="the folder of reference data is not here")
+Array = npt.NDArray[np.float64]
+Cloud = Callable[[np.random.Generator, int], Array]
+ROUNDING_DEG = 0.08  # of places that are published to a tenth of a degree, on both axes
+
+
+@pytest.fixture(scope="module")
+def bodies() -> Ephemeris:
+    return Ephemeris.load()
+
+
+def gauss(rng: np.random.Generator, n: int) -> Array:
+    found: Array = rng.standard_normal((n, 2)) @ np.array([[100.0, 0.0], [30.0, 1.0]])
+    return found
+
+
+def bent(rng: np.random.Generator, n: int) -> Array:
+    t = rng.standard_normal(n)
+    return np.stack([50.0 * t, 20.0 * t**2 + rng.standard_normal(n)], axis=1)
+
+
+def arc(rng: np.random.Generator, n: int) -> Array:
+    t = rng.uniform(0.0, 5.0, n)
+    return np.stack([50.0 * np.cos(t), 50.0 * np.sin(t)], axis=1) + rng.standard_normal((n, 2))
+
+
+@pytest.mark.parametrize("cloud", [gauss, bent, arc])
+@pytest.mark.parametrize("n", [30, 300])
+def test_what_nobody_has_drawn_lies_inside_as_often_as_stated(cloud: Cloud, n: int) -> None:
+    """New points of the same law: 95 % and, by the allowance for few points, some more; bent as straight ones."""
+    rng, held = np.random.default_rng(0), []
+    for _ in range(12):
+        drawn = contours(cloud(rng, n))
+        new = cloud(rng, 60)
+        held.append([np.mean([inside(drawn[share], place) for place in new]) for share in ("68", "95")])
+    of_68, of_95 = np.mean(held, axis=0)
+    assert 0.63 < of_68 < 0.85
+    assert 0.93 < of_95 < 0.995
+
+
+def test_points_that_are_one_many_times_are_one_that_weighs_more() -> None:
+    points = bent(np.random.default_rng(1), 40)
+    number = np.arange(40) % 3 + 1
+    many, weighed = contours(np.repeat(points, number, axis=0)), contours(points, number / number.sum())
+    for share in ("68", "95"):
+        for one, other in zip(many[share], weighed[share], strict=True):
+            np.testing.assert_allclose(one, other, rtol=1e-6, atol=1e-6)
+
+
+def test_the_plane_about_a_mean_keeps_angles_from_it_and_comes_back() -> None:
+    u = directions(np.random.default_rng(2).uniform([0.0, -1.5], [6.28, 1.5], (50, 2)))
+    tangent = Tangent.about(u)
+    plane = tangent.onto(u)
+    np.testing.assert_allclose(np.linalg.norm(plane, axis=1), np.arccos(u @ tangent.centre), atol=1e-9)
+    np.testing.assert_allclose(directions(angles(tangent.back(plane))), u, atol=1e-12)
+
+
+@pytest.mark.long
+def test_made_up_impactors_end_in_the_region_of_95_percent(bodies: Ephemeris) -> None:
+    """Of 60, with four to eight records each, 57 are expected and 51 are 3.5 sigma below; flown by Runge and Kutta."""
+    rng, found = np.random.default_rng(2), []
+    for _ in range(60):
+        one = impactor(bodies, rng)
+        place = alert(one.tracklet, Question()).corridor
+        assert place is not None
+        found.append(inside(place.contours_deg["95"], one.place_deg))
+    assert np.sum(found) >= 51
+
+
+@pytest.mark.long
+@needs_data
+@pytest.mark.parametrize(
+    ("name", "place", "counts"),
+    [
+        ("2014 AA", (-44.2, 13.1), range(3, 8)),  # Farnocchia et al. 2016
+        ("2018 LA", (23.3, -21.2), range(4, 18)),  # the fireball at 28.7 km, US government sensors
+        ("2024 BX1", (12.5, 52.7), (4, 5, 6, 7, 8, 9, 10, 12, 14, 20)),
+    ],
+)
+def test_the_point_of_fall_lies_in_the_region_after_every_observation(
+    name: str, place: tuple[float, float], counts: Sequence[int], bodies: Ephemeris
+) -> None:
+    """To the rounding of what is published: late regions are a kilometre wide."""
+    for count in counts:
+        found = answered(FILES[name], slice(0, count), bodies)
+        assert found.corridor is not None
+        edges = found.corridor.contours_deg["95"]
+        near = np.concatenate(edges)
+        east = (near[:, 0] - place[0] + 180.0) % 360.0 - 180.0
+        away = np.hypot(east * np.cos(np.radians(place[1])), near[:, 1] - place[1])
+        assert inside(edges, place) or away.min() < ROUNDING_DEG, count
