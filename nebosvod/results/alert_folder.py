@@ -21,6 +21,7 @@ from nebosvod.results.result import Result
 from nebosvod.units import ARCSEC
 
 KIND = "alert"
+CIRCLING = 0.1  # share of orbits bound to the Earth from which it is said
 NAMES = ("q025", "q16", "median", "q84", "q975")
 DESCRIPTION = "Probability of impact by prior with its 95 % interval, after each observation"
 Row = dict[str, Any]
@@ -126,6 +127,12 @@ def _warnings(found: Alert, notices: Sequence[str]) -> list[str]:
         said.append(
             f"only {found.grid.effective():.0f} nodes of the grid carry the weight, of {ENOUGH:.0f} that are needed: "
             "the numbers are rough"
+        )
+    circling = scores(found.numbers, found.draws)["earth_satellite"]
+    if circling >= CIRCLING:
+        said.append(
+            f"{100.0 * circling:.0f} % of the weight is on orbits bound to the Earth, as satellites, spent stages and "
+            "temporarily captured asteroids are: compare with catalogues of artificial objects before an alarm"
         )
     if len(found.tracklet) == 2:
         said.append(

@@ -8,14 +8,17 @@ import pytest
 from scipy.stats import binomtest
 
 from nebosvod.dynamics import Ephemeris
+from nebosvod.first_hour.alert import Question, alert
 from nebosvod.first_hour.conditional import Conditional
 from nebosvod.first_hour.falls import chance, fall, interval
 from nebosvod.first_hour.grid import grid_of
 from nebosvod.first_hour.region import Region
 from nebosvod.impacts.chance import digits
+from nebosvod.results.alert_folder import summarise
 from nebosvod.results.alert_words import headline
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
+from hour_cases import CASES, Case, made  # type: ignore[import-not-found]
 from impactors import impactor  # type: ignore[import-not-found]
 
 
@@ -69,3 +72,16 @@ def test_probabilities_by_other_seeds_lie_in_the_interval_of_each() -> None:
     assert inside >= 20  # 23 are expected, 19 and fewer have a probability of 0.6 %
     stated = np.mean([one.high - one.low for one in found]) / 3.92
     assert 0.2 < p.std(ddof=1) / stated < 1.2  # 0.34: cells that all agree are taken for open
+
+
+def test_what_circles_the_earth_is_told_to_be_perhaps_artificial() -> None:
+    """200,000 km away below the speed of escape, 2 km/s; what passes at 0.05 au is not told so."""
+    satellite = Case(
+        name="satellite", observers=("F51",), minutes=180, each=6, rho_au=0.0013, rate_km_s=0.3, across_km_s=(0.8, 0.3)
+    )
+    ephemeris, said = Ephemeris.load(), []
+    for case in (satellite, CASES[1]):
+        one = made(case, ephemeris)
+        said.append(" ".join(summarise(alert(one.tracklet, Question(region=one.region)))["warnings"]))
+    assert "bound to the Earth" in said[0]
+    assert "bound to the Earth" not in said[1]
