@@ -112,8 +112,11 @@ def _headline(run: RunFolder, main: Item) -> Markup:
     if not shares:
         return Markup("{}.").format(what)
     whole = Markup("{}; {}.").format(what, blame_of(shares, run.telescopes, "that variance"))
-    (kind, share, _), *_ = grouped(shares, run.telescopes)
-    shorter = Markup("{}; {} {} of that variance.").format(what, kind, percent(share))
+    kinds = grouped(shares, run.telescopes)
+    named = join(
+        Markup("{} {}").format(kind, percent(share)) for kind, share, _ in kinds if share >= NEAR * kinds[0][1]
+    )
+    shorter = Markup("{}; {} of that variance.").format(what, named)
     return short.first_that_fits(
         whole, shorter, Markup("{}.").format(what), plain, wide_px=short.HEADLINE_PX, look=short.HEADLINE
     )
