@@ -99,6 +99,7 @@ class Impact(Typed):
     half_68 : in s.
     longitude : in deg.
     latitude : in deg.
+    end : lowest and highest end of the points: drawn, uniform; (2,), km.
     entry : in km.
     speed : in km / s.
     elevation : in deg.
@@ -112,6 +113,7 @@ class Impact(Typed):
     half_68: Quantity
     longitude: Spread
     latitude: Spread
+    end: Quantity
     entry: Quantity
     speed: Spread
     elevation: Spread
@@ -277,6 +279,7 @@ class Corridor(Typed):
     ----------
     longitude : in deg.
     latitude : in deg.
+    end : lowest and highest end of the points: drawn, uniform; (2,), km.
     entry : in km.
     speed : in km / s.
     elevation : in deg.
@@ -286,6 +289,7 @@ class Corridor(Typed):
 
     longitude: Spread
     latitude: Spread
+    end: Quantity
     entry: Quantity
     speed: Spread
     elevation: Spread
