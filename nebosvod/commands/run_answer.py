@@ -165,9 +165,17 @@ def _budget_of(prediction: Mapping[str, Any], estimator: str) -> Table:
         f"\nWhat is to blame for {_plain(name)} by {_plain(estimator)}: total sigma {_number(total)} {unit}".rstrip()
     )
     table = _table(title, ("source",), ("share", f"its sigma{after}", f"total without it{after}"))
+    larger = False
     for row in sorted(prediction["budget"], key=lambda row: -row["share_total"])[:BUDGET_ROWS]:
         left = (row.get("if_vanished") or {}).get(f"{key}_new_gain")
         table.add_row(_plain(row["source"]), _percent(row["share_total"]), _number(row.get(key)), _number(left))
+        larger = larger or (left is not None and left > 1.01 * total)
+    if larger:
+        table.caption = (
+            "larger without it: the estimator leaves other errors out of its weights and, told that this one is gone, "
+            "would trust those measurements too much"
+        )
+        table.caption_justify, table.caption_style = "left", ""
     return table
 
 

@@ -98,7 +98,7 @@ def rhythm_words(found: ResidualTests) -> str | None:
     name = f" ({worst.name})" if worst.name else ""
     text = (
         f"noise with a rhythm of {period_words(worst.period_s)}{name} would hurt most: {worst.what} "
-        f"{worst.times_worse:.3g} times worse"
+        f"would be {worst.times_worse:.3g} times worse"
     )
     chances = [
         (series.at_worst_chance, f"{one.telescope} {series.axis}")

@@ -204,7 +204,7 @@ def worst_of_predictions(rows: Sequence[Accuracies], estimator: str) -> WorstRhy
         return (row.worst_correlation or 0.0) / row.extended
 
     row = max(usable, key=worse)
-    return _worst(f"{row.prediction}, component {row.component + 1}", row.worst_period_s or np.inf, worse(row))
+    return _worst(f"component {row.component + 1} of {row.prediction}", row.worst_period_s or np.inf, worse(row))
 
 
 def worst_of_state(fit: Fit, *, rough: bool = False) -> WorstRhythm | None:

@@ -140,7 +140,8 @@ def station_plate(rows: list[Item]) -> Plate | None:
     if more > 0:
         caption += Markup(" {} more in the table.").format(count(more, "station"))
     caption += Markup(
-        " A mean beyond rms/√n that stays there is a bias: name the station under <code>uncertainty</code>."
+        " Of few observations a mean is beyond rms/√n by chance; what is more than chance is said below. A mean that "
+        "stays there is a bias: name the station under <code>uncertainty</code>."
     )
     return chart.plate("Mean and root mean square of the residuals by station", caption)
 
@@ -168,7 +169,7 @@ def correlation_plate(elements: Item) -> Plate:
             chart.text(x, y, _correlation(float(r[i, j])), anchor="middle")
     off = np.abs(r - np.eye(6))
     first, second = divmod(int(off.argmax()), 6)
-    caption = Markup("Correlations of the elements (blue +, red −). The strongest: {} with {}, {}.").format(
+    caption = Markup("Correlations of the elements (blue +, orange −). The strongest: {} with {}, {}.").format(
         labels[first], labels[second], number(float(r[first, second]), 6).replace(" ", NBSP)
     )
     return chart.plate("Correlations of the elements", caption)

@@ -197,7 +197,7 @@ def _along(points: npt.NDArray[np.float64], t_s: npt.NDArray[np.float64]) -> npt
 
 
 def level_table(row: Item) -> Table | None:
-    """Entry at 100 km, of the Earth alone, and impact: mean time, middle place, ellipse or why none, speed, angle."""
+    """Entry at 100 km, of the Earth alone, and impact: mean time, mean place, ellipse or why none, speed, angle."""
     names = {"entry_100_km": "100 km", "ground": "the ground"} if row["body"] == "earth" else {"ground": "the surface"}
     levels = [
         (name, level) for key, name in names.items()
@@ -215,7 +215,7 @@ def level_table(row: Item) -> Table | None:
             )
         when = Markup("{} ± {}").format(_second(one["epoch_utc"]), quantity(one["sigma_time_s"], "s"))
         cells.append((name, when, where, ellipse, _speed(one["speed_km_s"]), f"{one['below_horizon_deg']:.1f}°"))
-    head = ("at", "UTC, 1σ", "middle place, geodetic", "ellipse, 1σ", "speed", "below the horizon")
+    head = ("at", "UTC, 1σ", "mean place, geodetic", "ellipse, 1σ", "speed", "below the horizon")
     return Table(
         caption="Where and when it comes down, of the drawn orbits that hit",
         head=head,

@@ -25,10 +25,14 @@ def sentences(run: RunFolder) -> list[str]:
     said = [f"{text[:1].upper()}{text[1:]}." for text in found["findings"]]
     asked = len(found["bias_tests"]), len(found["residual_tests"])
     if not said and any(asked):
-        said.append(
-            f"Residuals look like noise: no bias in tests of {count(asked[0], 'telescope')}, no pattern in those of "
-            f"{count(asked[1], 'telescope')}; chance of a false alarm {100.0 * found['level']:g}{NBSP}% in either."
-        )
+        who = "station" if "fit" in run.summary else "telescope"
+        made = [
+            f"no {what} in tests of {count(n, who)}" for what, n in zip(("bias", "pattern"), asked, strict=True) if n
+        ]
+        few = [f"no {who} has enough measurements for a test of {w}" for w, n in
+               zip(("biases", "patterns"), asked, strict=True) if not n]  # fmt: skip
+        alarm = f"chance of a false alarm {100.0 * found['level']:g}{NBSP}%{' in either' if not few else ''}"
+        said.append(f"Residuals look like noise: {'; '.join([', '.join(made), *few, alarm])}.")
     if found["worst_rhythm"]:
         text = found["worst_rhythm"]["told"]
         said.append(f"{text[:1].upper()}{text[1:]}.")

@@ -147,7 +147,7 @@ def residuals(run: RunFolder, estimator: Item) -> Plate | None:
                 panel.band(days, -band, band, **band_grey())
             panel.level(0.0, stroke=GREY, stroke_width=0.7)
             panel.open()
-            colour, marker = SERIES[i % len(SERIES)]
+            colour, marker = SERIES[(i + 1) % len(SERIES)]
             panel.dots(
                 days,
                 factor * after[mine, column],
@@ -234,7 +234,7 @@ def noise_to_nuisance(run: RunFolder) -> Plate | None:
         panel.open()
         for i, name in enumerate(run.telescopes):
             mine = np.flatnonzero(index == i)
-            few, (colour, marker) = thin(len(mine), MOST), SERIES[i % len(SERIES)]
+            few, (colour, marker) = thin(len(mine), MOST), SERIES[(i + 1) % len(SERIES)]
             # a second telescope with the same ratio stays visible inside the first one's marker
             panel.dots(
                 t[mine][few] / SECONDS_PER_DAY,
@@ -259,7 +259,7 @@ def noise_to_nuisance(run: RunFolder) -> Plate | None:
 def _telescope_marks(run: RunFolder, index: Array) -> list[tuple[str, str, dict[str, Any]]]:
     """Legend of the telescopes that measure anything."""
     return [
-        (SERIES[i % len(SERIES)][1], name, {"color": SERIES[i % len(SERIES)][0], "size": 5.0})
+        (SERIES[(i + 1) % len(SERIES)][1], name, {"color": SERIES[(i + 1) % len(SERIES)][0], "size": 5.0})
         for i, name in enumerate(run.telescopes)
         if np.any(index == i)
     ]

@@ -37,10 +37,18 @@ def geometry_plate(run: RunFolder) -> Plate | None:
         return None
     return fitted(
         lambda width: geometry_chart(run, width) or Chart("geometry"),
-        "Geometry from above and from the side: Sun, orbits, telescopes, encounter",
+        _title(run),
         _caption(run),
         [_data(run)],
     )
+
+
+def _title(run: RunFolder) -> str:
+    """What the figure shows: sites on the ground are not drawn, and there may be no encounter."""
+    found = places_of(run)
+    drawn = bool(shown_near(run)) or (found is not None and bool(_telescopes(run, *found[1:4], turns=0.0)))
+    parts = ["Sun", "orbits", *["telescopes"] * drawn, *["encounter"] * bool(_encounters(run))]
+    return f"Geometry from above and from the side: {wording.join(parts)}"
 
 
 def geometry_chart(run: RunFolder, width: float = WIDE) -> Chart | None:
@@ -292,12 +300,20 @@ def _caption(run: RunFolder) -> Markup:
     found, t = places_of(run), run.array("epoch_s")
     if found is None:
         return Markup("")
-    _, place, *_, seen = found
+    _, place, _, index, seen = found
     ends = [float(np.linalg.norm(seen[k] - ecliptic_au(place[k]))) * AU_KM for k in (0, -1)]
     dates = [wording.date((run.epoch + float(t[k])).iso()) if t is not None else "" for k in (0, -1)]
-    text = Markup("The asteroid is {} from the telescope at the first measurement ({}), {} at the last ({}).").format(
-        quantity(ends[0], "km"), dates[0], quantity(ends[1], "km"), dates[1]
+    station = "station " if "fit" in run.summary else ""
+    who = [station + run.telescopes[int(index[k])] for k in (0, -1)]
+    text = Markup("The asteroid is {} from {} at the first measurement ({}), {} from {} at the last ({}).").format(
+        quantity(ends[0], "km"), who[0], dates[0], quantity(ends[1], "km"), who[1], dates[1]
     )
+    idle = [name for i, name in enumerate(run.telescopes) if not np.any(index == i)]
+    if idle:
+        none = wording.join(idle) if len(idle) <= MOST_NAMED else wording.count(len(idle), "telescope")
+        text += Markup(" {} {} nothing and {} not drawn.").format(
+            none, *(("measures", "is") if len(idle) == 1 else ("measure", "are"))
+        )
     turns = _turns(run)
     if turns > SEVERAL:
         text += Markup(" It goes round the Sun {} times meanwhile: measured places are dots, pale to dark.").format(

@@ -4,12 +4,14 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 from markupsafe import Markup
 
 from nebosvod.mission.slugs import array_name
 from nebosvod.report.kit import wording
 from nebosvod.report.kit.chart import Chart
 from nebosvod.report.kit.download import Download, csv
+from nebosvod.report.kit.edge import at_edge
 from nebosvod.report.kit.facts import PRIOR_ORBITS, grouped, leading, of_telescopes
 from nebosvod.report.kit.plate import BLUE, INK, VERMILION, Plate
 from nebosvod.report.kit.scale import linear, named
@@ -20,7 +22,8 @@ from nebosvod.results.outlook import unit_of
 
 REMEDIES = ("if_vanished", "if_halved")
 GAINS = ("same", "new")
-WORSE = 1.3  # times the present sigma, above which a remedy is not drawn but said
+ROOM = 0.35  # of the width of the figure of remedies, for values beyond it
+WORSE = 1.3  # times the present sigma, above which a remedy is an arrowhead at the edge with its value
 SMALL = 5e-4  # a share below this has no room in a bar
 
 
@@ -192,6 +195,8 @@ def remedies_plate(run: RunFolder, ledger: Ledger) -> Plate | None:
     high = 22.0 * len(shown)
     most = WORSE * ledger.total
     values = [factor * ledger.total, *(v * factor for e in shown for v in e.then.values() if finite(v) and v <= most)]
+    if any(finite(v) and v > most for e in shown for v in e.then.values()):  # room at the right for what is said there
+        values.append(max(values) + ROOM * (max(values) - min(values)))
     chart = Chart("budget-remedies", height=0.0)
     panel = chart.panel(
         linear(values, f"total sigma of {ledger.title}, {unit}"),
@@ -217,6 +222,9 @@ def remedies_plate(run: RunFolder, ledger: Ledger) -> Plate | None:
             points = [(factor * v, -float(i)) for i, v in left if finite(v) and v <= most]
             shape = marker if word == "vanished" else "D" if gain == "new" else "P"
             panel.marks(points, shape, f"{word}, {name}", color=colour, size=6.5 if shape == "o" else 3.0)
+            far = [(factor * v, -float(i)) for i, v in left if finite(v) and v > most]
+            x, y = np.array(far, dtype=np.float64).reshape(-1, 2).T
+            at_edge(panel, x, y, [f"{number(v)} {unit}" for v in x], color=colour, most=len(far))
     panel.close()
     entries: list[tuple[str, str, dict[str, Any]]] = [
         ("line", f"now, {number(ledger.total * factor)} {unit}", {"stroke": INK, "stroke_width": 1.2}),

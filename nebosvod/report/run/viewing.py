@@ -32,14 +32,16 @@ def viewing(run: RunFolder) -> Plate | None:
         panel.open()
         for i, name in enumerate(run.telescopes):
             mine = np.flatnonzero(index == i)
-            few, (colour, marker) = thin(len(mine), 400), SERIES[i % len(SERIES)]
+            few, (colour, marker) = thin(len(mine), 400), SERIES[(i + 1) % len(SERIES)]
             # a second telescope at the same place stays visible inside the first one's marker
             panel.dots(t[mine][few] / SECONDS_PER_DAY, series[mine][few], marker, name, color=colour,
                        size=4.4 if i == 0 else 2.2)  # fmt: skip
         panel.close()
     used = [i for i in range(len(run.telescopes)) if np.any(index == i)]
     chart.height = chart.legend(
-        [(SERIES[i % 6][1], run.telescopes[i], {"color": SERIES[i % 6][0], "size": 5.0}) for i in used], 322.0, 54.0
+        [(SERIES[(i + 1) % 6][1], run.telescopes[i], {"color": SERIES[(i + 1) % 6][0], "size": 5.0}) for i in used],
+        322.0,
+        54.0,
     )
     nearest, farthest = int(np.argmin(distance)), int(np.argmax(distance))
     caption = Markup(

@@ -9,7 +9,7 @@ import pytest
 
 from nebosvod.report.kit import scale, wording
 from nebosvod.report.kit.outline import outline
-from nebosvod.report.run import ellipses, encounters, figures, geometry, page, viewing
+from nebosvod.report.run import diagnosis, ellipses, encounters, figures, geometry, page, viewing
 from nebosvod.results.folder import RunFolder, read_folder
 from nebosvod.timescale import Epoch
 
@@ -92,6 +92,47 @@ def test_telescopes_are_drawn_about_the_earth_where_they_cannot_be_told_from_it(
     assert ">NEB-1<" in far.svg
     assert "about the Earth" not in far.svg
     assert "told from the Earth" not in far.caption
+
+
+def test_a_geometry_names_what_it_shows_and_from_where_it_was_measured(run: RunFolder) -> None:
+    first, last = (run.telescopes[int(run.arrays["telescope_index"][k])] for k in (0, -1))
+    drawn = geometry.geometry_plate(run)
+    assert drawn is not None
+    assert "telescopes" in drawn.label
+    assert f" from {first} at the first measurement" in drawn.caption
+    assert f" from {last} at the last" in drawn.caption
+    assert "not drawn" not in drawn.caption
+    sites = replace(run, summary={**run.summary, "fit": {}, "predictions": []}, arrays={
+        **run.arrays, "telescope_position_km": run.arrays["earth_position_km"],
+        "telescope_index": np.zeros_like(run.arrays["telescope_index"])})  # fmt: skip
+    bare = geometry.geometry_plate(sites)
+    assert bare is not None
+    assert "encounter" not in bare.label
+    assert f"from station {run.telescopes[0]} at the first" in bare.caption
+    assert f"{run.telescopes[1]} measures nothing and is not drawn" in bare.caption
+
+
+@pytest.mark.parametrize(
+    ("asked", "fit", "said"),
+    [
+        (
+            (3, 1),
+            False,
+            "no bias in tests of 3 telescopes, no pattern in tests of 1 telescope; chance of a false alarm 1",
+        ),
+        ((4, 0), True, "no bias in tests of 4 stations; no station has enough measurements for a test of patterns; "),
+    ],
+)
+def test_residuals_that_look_like_noise_are_not_said_of_tests_that_were_not_made(
+    run: RunFolder, asked: tuple[int, int], fit: bool, said: str
+) -> None:
+    found = {"findings": [], "bias_tests": [{}] * asked[0], "residual_tests": [{}] * asked[1], "level": 0.01,
+             "worst_rhythm": None}  # fmt: skip
+    (told,) = diagnosis.sentences(
+        replace(run, summary={**run.summary, "diagnosis": found} | ({"fit": {}} if fit else {}))
+    )
+    assert said in told.replace("\N{NO-BREAK SPACE}", " ")
+    assert " 0 " not in told
 
 
 def test_path_of_a_telescope_is_not_drawn_across_a_gap() -> None:

@@ -5,6 +5,7 @@ import html
 import json
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
@@ -12,8 +13,9 @@ from urllib.parse import unquote
 import numpy as np
 import pytest
 
+from nebosvod.report.kit.wording import number, scale_of
 from nebosvod.report.run.advice import mean_limit_km
-from nebosvod.report.run.ledger import best_remedy, ledgers
+from nebosvod.report.run.ledger import best_remedy, ledgers, remedies_plate
 from nebosvod.report.run.page import make_report
 from nebosvod.report.run.visibility import read_visibility
 from nebosvod.results.folder import read_folder
@@ -137,6 +139,21 @@ def test_best_remedy_is_the_smallest_remaining_sigma(real_folder: Path) -> None:
     best = best_remedy(book)
     assert best is not None
     assert best.then["if_vanished", "new"] == min(e.then["if_vanished", "new"] or 9e9 for e in book.entries)
+
+
+def test_a_remedy_that_makes_it_much_worse_is_an_arrowhead_at_the_edge_with_its_value(real_folder: Path) -> None:
+    run = read_folder(real_folder)
+    book = ledgers(run, run.estimators[0])[0]
+    plain = remedies_plate(run, book)
+    first, *others = book.entries
+    worse = replace(first, then={**first.then, ("if_vanished", "new"): 7777.0 * book.total})
+    drawn = remedies_plate(run, replace(book, entries=(worse, *others)))
+    assert plain is not None
+    assert drawn is not None
+    factor, unit = scale_of(book.total, book.unit)
+    said = f"{number(7777.0 * factor * book.total)} {unit}"
+    assert said in drawn.svg
+    assert said not in plain.svg
 
 
 def test_every_word_of_the_visibility_table_is_read(real_folder: Path, summary: dict[str, Any]) -> None:

@@ -47,6 +47,17 @@ def test_headline_is_the_target_plane_and_its_largest_source(run: RunFolder) -> 
     assert f"{top} (2 telescopes) makes up {100 * totals[top]:.0f} %" in headline
 
 
+def test_headline_names_every_source_that_nearly_ties(run: RunFolder) -> None:
+    first = run.predictions("batch")[0]
+    half = [row for row in first["budget"] if kind_of(row["source"], run.telescopes) in ("bias", "measurement noise")]
+    budget = [{**row, "share_total": 1.0 / len(half)} for row in half]
+    rows = [{**p, "budget": budget} if p is first else p for p in run.summary["predictions"]]
+    headline = verdict(changed(run, predictions=rows)).headline.striptags()
+    assert len(half) == 4
+    assert "measurement noise 50" in headline.replace("(", "")
+    assert "bias 50" in headline.replace("(", "")
+
+
 def test_headline_without_predictions_is_the_position(run: RunFolder) -> None:
     assert verdict(changed(run, predictions=[])).headline.striptags().startswith("Position known to ")
 
