@@ -304,9 +304,9 @@ def _caption(run: RunFolder) -> Markup:
     ends = [float(np.linalg.norm(seen[k] - ecliptic_au(place[k]))) * AU_KM for k in (0, -1)]
     dates = [wording.date((run.epoch + float(t[k])).iso()) if t is not None else "" for k in (0, -1)]
     station = "station " if "fit" in run.summary else ""
-    who = [station + run.telescopes[int(index[k])] for k in (0, -1)]
+    ends_by = [station + run.telescopes[int(index[k])] for k in (0, -1)]
     text = Markup("The asteroid is {} from {} at the first measurement ({}), {} from {} at the last ({}).").format(
-        quantity(ends[0], "km"), who[0], dates[0], quantity(ends[1], "km"), who[1], dates[1]
+        quantity(ends[0], "km"), ends_by[0], dates[0], quantity(ends[1], "km"), ends_by[1], dates[1]
     )
     idle = [name for i, name in enumerate(run.telescopes) if not np.any(index == i)]
     if idle:
