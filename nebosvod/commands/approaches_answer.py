@@ -8,6 +8,7 @@ import click
 
 from nebosvod.impacts.chance import chance_words
 from nebosvod.results.ahead_words import CALLED
+from nebosvod.results.outlook import place_words
 from nebosvod.timescale import Epoch
 
 Row = Mapping[str, Any]
@@ -71,7 +72,7 @@ def print_approaches(summary: Mapping[str, Any], folder: Path | None) -> None:
         click.echo(f"no approach within {summary['within_au']:g} au {span}{_nearest(summary['nearest'])}")
     for row in rows:
         if row["latitude_deg"] is not None:
-            click.echo(f"falls at {row['latitude_deg']:.2f} deg N, {row['longitude_deg']:.2f} deg E")
+            click.echo(f"falls at {place_words(row['longitude_deg'], row['latitude_deg'])}")
     if summary["ended"]:
         click.echo(summary["ended"])
     if folder is not None:

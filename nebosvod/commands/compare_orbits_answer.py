@@ -7,6 +7,7 @@ import click
 
 from nebosvod.commands.approaches_answer import amount, chance, lasting
 from nebosvod.impacts.chance import row_words
+from nebosvod.results.compare_orbits import not_asked
 from nebosvod.timescale import Epoch
 
 MOST_ROWS = 40
@@ -67,7 +68,8 @@ def _risks(found: Mapping[str, Any], labels: list[str]) -> list[list[str]]:
         cells = [row["body"]]
         for one, run in zip(row["by_run"], found["runs"], strict=True):
             if one is None:
-                cells.append(f"not found, P < {run['sampling']['high']:.2g}")
+                unseen = f"not found, P of all < {run['sampling']['high']:.2g}"
+                cells.append(not_asked(row, run) or unseen)
                 continue
             when = Epoch.parse(one["epoch_utc"]).iso("utc", 0)[:19].replace("T", " ")
             cells.append(f"{when}, P {row_words(one)}")

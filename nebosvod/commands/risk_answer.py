@@ -127,6 +127,8 @@ def _impactor(row: Row) -> list[str]:
         scales = "" if row["palermo"] is None else f"; Palermo {row['palermo']:.2f}"
         scales += "" if row["torino"] is None else f", Torino {row['torino']}"
         said.append(f"  {row['energy_mt']:.3g} Mt of TNT{scales}")
+    elif row["body"] == "earth":
+        said.append("  energy, Palermo and Torino scale not known: no magnitude; --diameter gives them")
     ground = row["corridor"]["ground"]
     if ground is not None and ground["latitude_deg"] is not None:
         said.append(f"  ground: {_place(ground)}")

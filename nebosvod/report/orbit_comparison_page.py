@@ -15,6 +15,7 @@ from nebosvod.report.kit.scale import Scale, calendar, linear, logarithmic, name
 from nebosvod.report.kit.wording import DASH, join, moment, quantity
 from nebosvod.report.risk.words import body_name, chance, consistent, impactor_name, way_name
 from nebosvod.report.run.tables import Cell, Table
+from nebosvod.results.compare_orbits import not_asked
 from nebosvod.timescale import SECONDS_PER_DAY, Epoch
 
 Item = Mapping[str, Any]
@@ -142,17 +143,22 @@ def _risks(found: Item, labels: Sequence[str]) -> Table | None:
     rows: list[tuple[Cell, ...]] = []
     for row in found["rows"]:
         pairs = zip(row["by_run"], found["runs"], strict=True)
-        rows.append((body_name(row["body"]).removeprefix("the "), *(_risk(one, run) for one, run in pairs)))
+        rows.append((body_name(row["body"]).removeprefix("the "), *(_risk(one, run, row) for one, run in pairs)))
     if not rows:
         rows.append(("nothing", *(Markup("not found: {}").format(chance(run["sampling"])) for run in found["runs"])))
     return _table("Probability of each virtual impactor by each, 95 %.", ("may hit", *labels), rows)
 
 
 def _agreed(row: Item, runs: Sequence[Item]) -> Markup:
-    """Whether all find one virtual impactor equally probable."""
-    found = [run["sampling"] if one is None else one for one, run in zip(row["by_run"], runs, strict=True)]
+    """Whether all that were asked about one virtual impactor find it equally probable."""
+    pairs = zip(row["by_run"], runs, strict=True)
+    asked = [(one, run) for one, run in pairs if one is not None or not_asked(row, run) is None]
+    found = [run["sampling"] if one is None else one for one, run in asked]
+    runs = [run for _, run in asked]
     name = impactor_name({"body": row["body"], "epoch_utc": next(one for one in row["by_run"] if one)["epoch_utc"]})
     apart = [run["label"] for run, one in zip(runs, found, strict=True) if not consistent(found[0], one)]
+    if len(runs) == 1:
+        return Markup("{}: only {} was asked.").format(name[:1].upper() + name[1:], runs[0]["label"])
     if not apart:
         return Markup("{}: equally probable to all, within their intervals.").format(name[:1].upper() + name[1:])
     return Markup("{}: {} and {} cannot both be right.").format(
@@ -160,8 +166,11 @@ def _agreed(row: Item, runs: Sequence[Item]) -> Markup:
     )
 
 
-def _risk(one: Item | None, run: Item) -> Cell:
+def _risk(one: Item | None, run: Item, row: Item) -> Cell:
     if one is None:
+        reason = not_asked(row, run)
+        if reason is not None:
+            return reason
         return Markup("not found: all together {}").format(chance(run["sampling"]))
     return Markup("{} by {}, {}").format(chance(one), way_name(one["recommended"]), moment(one["epoch_utc"]))
 

@@ -103,8 +103,16 @@ def _header(one: One) -> dict[str, Any]:
         "observer": one.summary.get("observer"),
         "sigma_position_km": orbit["sigma_position_km"],
         "epoch_tdb": orbit["epoch_tdb"],
-        **({"until_utc": one.summary["until_utc"], "sampling": one.summary["sampling"]} if _is_risk(one) else {}),
+        **({key: one.summary[key] for key in ("until_utc", "bodies", "sampling")} if _is_risk(one) else {}),
     }
+
+
+def not_asked(row: Row, run: Row) -> str | None:
+    """Why a risk says nothing of an impact that others find: a body it was not asked about, a date after its last."""
+    if row["body"] not in run["bodies"]:
+        return "not asked about"
+    first = min(Epoch.parse(one["epoch_utc"]) - Epoch.parse(run["until_utc"]) for one in row["by_run"] if one)
+    return f"after its last date, {run['until_utc'][:10]}" if first > 0.0 else None
 
 
 def _is_risk(one: One) -> bool:

@@ -22,6 +22,7 @@ class Run(Typed):
     sigma_position : in km.
     epoch : in TDB.
     until : of a risk: its last date; UTC.
+    bodies : of a risk: what may be hit.
     sampling : of a risk: all bodies together, as in its summary.
     label, path, object, orbit : text.
     observer : text, or None.
@@ -35,6 +36,7 @@ class Run(Typed):
     sigma_position: Quantity
     epoch: Time
     until: Time | None
+    bodies: tuple[str, ...] | None
     sampling: Mapping[str, Any] | None
 
 

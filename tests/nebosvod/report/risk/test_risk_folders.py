@@ -13,6 +13,7 @@ import pytest
 
 from nebosvod.borders.shape import schema_file
 from nebosvod.cli import main
+from nebosvod.commands.risk_answer import print_risk
 from nebosvod.results.folder import HERE
 
 MUTANTS = Path(__file__).resolve().parents[2] / "results" / "folder_mutants.py"
@@ -51,8 +52,40 @@ def test_risks_compare_impact_by_impact(pair: Any, tmp_path: Path, capsys: pytes
     assert 'id="chances-0"' in text
     assert main(["compare", first, later]) == 0
     said = capsys.readouterr().out
-    assert "not found, P < 0.001" in said
+    assert "not found, P of all < 0.001" in said
+    assert "not asked about" in said
+    assert ": only risk was asked." in text
     assert f"P {p:.3g} (" in said
+
+
+def test_an_impact_after_the_last_date_of_a_risk_is_not_called_missed(
+    pair: Any, make_risk_folder: Callable[..., Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A risk until 2031 knows nothing of 2038: neither a bound nor a contradiction."""
+    summary = json.loads((pair[1] / "summary.json").read_text("utf-8"))
+    short = make_risk_folder(
+        tmp_path / "short", virtual_impactors=[], n_virtual_impactors=0, sampling=summary["sampling"],
+        until_utc="2031-01-01T00:00:00 UTC",
+    )  # fmt: skip
+    page = tmp_path / "both.html"
+    assert main(["compare", str(pair[0]), str(short), "--page", str(page)]) == 0
+    said = capsys.readouterr().out
+    assert "after its last date, 2031-01-01" in said
+    assert "not found" not in said
+    text = page.read_text("utf-8")
+    assert "cannot both be right" not in text
+    assert "The Earth, 2038-07-10: only risk was asked." in text
+
+
+def test_an_impactor_of_unknown_size_says_what_gives_its_energy(
+    risk_folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """No line about energy and scales would look as if they were forgotten; of the Moon there are none."""
+    summary = json.loads((risk_folder / "summary.json").read_text("utf-8"))
+    row = summary["virtual_impactors"][0] | {"energy_mt": None, "palermo": None, "torino": None}
+    for body, said in (("earth", 1), ("moon", 0)):
+        print_risk(summary | {"virtual_impactors": [row | {"body": body}]}, None)
+        assert capsys.readouterr().out.count("no magnitude; --diameter gives them") == said
 
 
 def test_a_page_or_a_comparison_by_itself_is_named(
