@@ -17,6 +17,7 @@ from nebosvod.timescale import SECONDS_PER_DAY, Epoch, to_tdb, utc_jd
 Array = npt.NDArray[np.float64]
 MOST_TIMES = 200_000
 MARGIN_S = SECONDS_PER_DAY  # light time
+LONGEST = np.radians(3.0)  # 1 sigma ellipse on the sky that is taken for the region where an object may be
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -142,7 +143,7 @@ def sky(orbit: UncertainOrbit, observer: Telescope, epoch: Epoch, t_s: Array, ep
         altitude=facts.altitude_rad,
         sun_altitude=facts.sun_altitude_rad,
         reason=facts.reason,
-        notices=_notices(orbit, observer, flown_s),
+        notices=(*_notices(orbit, observer, flown_s), *_bent(orbit.epoch, flown_s, semi_axes[:, 0])),
         ended=ended,
     )
 
@@ -177,3 +178,15 @@ def _notices(orbit: UncertainOrbit, observer: Telescope, t_s: Array) -> tuple[st
     site = observer.spacecraft
     said = site.notices(orbit.epoch, t_s) if isinstance(site, GroundSite) and site.has_horizon and len(t_s) else ()
     return (*orbit.notices, *said)
+
+
+def _bent(epoch: Epoch, t_s: Array, major: Array) -> list[str]:
+    """Where ellipses are so long that they tell no more than that little is known."""
+    long = np.flatnonzero(major > LONGEST)
+    if not long.size:
+        return []
+    when = (epoch + float(t_s[long[0]])).iso("utc", 0)
+    return [
+        f"{len(long)} of {len(major)} ellipses are longer than {np.degrees(LONGEST):.0f} deg at 1 sigma, the first at "
+        f"{when}: a linear ellipse of that size is not the region where the object may be, which is bent"
+    ]

@@ -188,6 +188,17 @@ def test_sigma_of_distance_scales_and_is_linear_in_the_factor(bodies: Ephemeris)
     assert one.sigma_distance_km[0] == pytest.approx(np.sqrt(sum_of_squares), rel=1e-4)
 
 
+def test_an_ellipse_longer_than_a_region_can_be_is_told(bodies: Ephemeris) -> None:
+    where, epoch = observer("500"), APOPHIS["epoch"]
+    t_s = np.arange(0.0, 400.0, 100.0) * DAY_S
+    known, vague = (sky(some_orbit(scale), where, epoch, t_s, bodies) for scale in (1.0, 3000.0))  # type: ignore[arg-type]
+    assert not [one for one in known.notices if "linear ellipse" in one]
+    long = int(np.sum(vague.semi_axes[:, 0] > np.radians(3.0)))
+    (told,) = (one for one in vague.notices if "linear ellipse" in one)
+    assert 0 < long < 4
+    assert told.startswith(f"{long} of 4 ellipses are longer than 3 deg at 1 sigma, the first at 20")
+
+
 def test_twilight_by_the_altitude_of_the_sun() -> None:
     assert [twilight_of(h) for h in (10.0, -3.0, -9.0, -15.0, -30.0)] == [
         "day", "civil", "nautical", "astronomical", "night",
