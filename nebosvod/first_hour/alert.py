@@ -8,6 +8,7 @@ import numpy.typing as npt
 
 from nebosvod.dynamics.constants import DAY_S
 from nebosvod.estimation.filters.combined import EquivalentMeasurement, equivalent_measurement
+from nebosvod.first_hour.condensed import condensed
 from nebosvod.first_hour.conditional import Conditional
 from nebosvod.first_hour.corridor import Corridor, corridor
 from nebosvod.first_hour.draws import Draws
@@ -112,7 +113,7 @@ def alert(
         If no orbit of the region fits.
     """
     rng = np.random.default_rng(np.random.SeedSequence(question.seed))
-    grid = grid_of(Conditional(tracklet), question.region)
+    grid = grid_of(Conditional(condensed(tracklet, question.region)), question.region)
     falls = fall(grid, question.within_d, rng)
     asked = np.empty(0) if after_s is None else float(tracklet.exposures.t_s.max()) + np.asarray(after_s)
     asked = asked[asked < question.within_d * DAY_S]

@@ -220,8 +220,8 @@ class Conditional:
         return {
             "dx": dx,
             "du": d[:, :k] / scale[:, :k],
-            "chi2": np.where(finite, rest, np.inf),
-            "whole": np.where(finite, _whole(white, x[:, RATE], prior), np.inf),
+            "chi2": np.where(finite, rest + self.tracklet.left, np.inf),
+            "whole": np.where(finite, _whole(white, x[:, RATE], prior) + self.tracklet.left, np.inf),
             "step": np.linalg.norm(np.einsum("mij,mj->mi", T, d), axis=1) / np.sqrt(free),
             "factor": T * scale[:, None, :free],
             "log_spread": -log_a - log_noise + 0.5 * columns.log_det,

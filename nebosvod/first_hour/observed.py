@@ -14,6 +14,7 @@ from nebosvod.dynamics import Ephemeris
 from nebosvod.dynamics.impact import follow
 from nebosvod.errors import GeometryError
 from nebosvod.estimation.solvers.rejection import Thresholds
+from nebosvod.first_hour.condensed import condensed, searched
 from nebosvod.first_hour.conditional import Conditional
 from nebosvod.first_hour.region import Region
 from nebosvod.first_hour.tracklet import Columns, Tracklet, middle_of
@@ -34,7 +35,6 @@ from nebosvod.units import ARCSEC
 
 Array = npt.NDArray[np.float64]
 Rows = npt.NDArray[np.int64]
-SEARCHED = 40  # ranges at which gross errors are looked for
 LONGEST_D = 30.0  # arcs on which range and rate are not what is unknown
 HALF_AU = -0.7
 BIAS_RAD = 0.2 * ARCSEC  # that a station's records of a night share, where nobody says otherwise
@@ -133,9 +133,8 @@ def without_gross_errors(tracklet: Tracklet, region: Region, mission: FitMission
         return tracklet, kept
     chosen = tracklet
     while len(kept) > 3:
-        conditional = Conditional(chosen)
-        best = _best(conditional, region)
-        chi2 = _each(conditional, best)
+        best = _best(Conditional(condensed(chosen, region)), region)
+        chi2 = _each(Conditional(chosen), best)
         worst = int(np.argmax(chi2))
         if not chi2[worst] > _limit(thresholds, len(kept)):
             break
@@ -150,13 +149,7 @@ def _limit(thresholds: Thresholds, n: int) -> float:
 
 def _best(conditional: Conditional, region: Region) -> Array:
     """Coordinates (1, 6) and nuisances of the best orbit, joined (1, 6 + k)."""
-    low, high = region.ranges(conditional.tracklet)
-    x = np.linspace(low, high, SEARCHED)
-    first = conditional.first(x, np.zeros(SEARCHED))
-    begin, end = region.rates(conditional, first)
-    middle = np.where(np.isfinite(begin), 0.5 * (begin + end), 0.0)
-    half = np.where(np.isfinite(begin), np.maximum(end - begin, 1.0), 30.0)
-    lines = conditional.solve(conditional.first(x, middle), 1, (middle, half))
+    lines = searched(conditional, region)
     found = int(np.argmin(lines.chi2))
     if lines.range_sigma[found] < 0.5:
         full = conditional.solve(lines.coordinates[found : found + 1], 0)

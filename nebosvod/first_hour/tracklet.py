@@ -159,6 +159,7 @@ class Tracklet:
     columns : what is uncertain beside the noise.
     forces : by which it moves; without asteroids.
     magnitude : V as it was seen at the reference time; None where no record says.
+    left : chi squared that is there whatever the orbit, of records that few stand for.
     """
 
     name: str
@@ -168,6 +169,7 @@ class Tracklet:
     forces: ForceModel
     magnitude: float | None
     reference: int
+    left: float = 0.0
 
     @classmethod
     def of(
