@@ -172,6 +172,21 @@ def test_a_night_is_answered_object_by_object_and_one_without_an_answer_stops_no
     assert "2014 AA: one observation" in said.err
 
 
+def test_a_fit_of_every_object_tells_a_probability_below_an_arc_too_short(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Three records are no orbit, and no failure; a single one of another object has no answer, which is one."""
+    alone = "     K14A00A* C2014 01 01.26257 05 32 35.55 +13 59 45.0          19.1 Vq~0yn5G96\n"
+    (tmp_path / "night.obs80").write_text(alone + "\n".join(LA.splitlines()[:3]) + "\n")
+    assert main(["fit", str(tmp_path / "night.obs80"), "--split", "-o", str(tmp_path / "night")]) == 1
+    said = capsys.readouterr()
+    assert "  2018 LA: P 0.0" in said.out
+    assert "2014 AA" in said.err
+    assert "2018 LA" not in said.err
+    found = summary_of(tmp_path / "night" / "2018-LA")["first_hour"]
+    assert found["low"] <= found["probability"] <= found["high"]
+
+
 @pytest.mark.long
 def test_what_one_more_observation_would_do_is_told(answer: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Whom it asks is who observed last; chances and quantiles of the probability afterwards are in order."""
