@@ -103,10 +103,12 @@ def draw(grid: Grid, number: Rows, rng: np.random.Generator) -> Draws:
     normal = rng.standard_normal(nodes.factor.shape[:2])
     moved = np.linalg.solve(nodes.factor, normal[:, :, None])[:, :, 0]
     coordinates[:, 2:] += moved[:, -4:]
+    states = conditional.states(coordinates)
+    log = np.where(region.holds(states, conditional.sight.gm), log, -np.inf)
     return Draws(
         cell=cell,
         coordinates=coordinates,
-        states=conditional.states(coordinates),
+        states=states,
         log_density={prior: log + log_prior(prior, nodes) for prior in grid.priors},
     )
 

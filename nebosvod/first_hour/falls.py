@@ -199,11 +199,9 @@ def chance(grid: Grid, falls: Falls, prior: str = HEADLINE, body: str = "earth")
     of the orbits that were flown, times what they weigh.
     """
     w, hit, cell, m = falls.draws.weight(prior), falls.hits(body), falls.draws.cell, len(grid.nodes)
+    none = _without_a_hit(w[falls.flown])
     if not hit.any():
-        there = w[falls.flown]
-        mass, square = float(there.sum()), float(np.sum(there**2))
-        high = mass * of_count(0, max(int(mass**2 / square), 1))[1] if square > 0.0 else 0.0
-        return Chance(probability=0.0, low=0.0, high=min(high + LEFT_OUT, 1.0), hits=0, bound=True)
+        return Chance(probability=0.0, low=0.0, high=none, hits=0, bound=True)
     p = min(float(w @ hit), 1.0)
     guess, drawn = _of_cells(grid, falls, hit), np.maximum(np.bincount(cell, minlength=m), 1)
     guess = np.where(np.bincount(cell, falls.flown, m) > 0, guess, 0.0)  # nobody of these comes near
@@ -211,8 +209,15 @@ def chance(grid: Grid, falls: Falls, prior: str = HEADLINE, body: str = "earth")
     variance = float(shares2 @ (guess * (1.0 - guess)))
     if variance > 0.0:  # where all agree, effective draws decide
         variance += _unevenness(falls.draws, prior) * float(shares2 @ (guess * (1.0 - p) ** 2 + (1.0 - guess) * p**2))
-    low, high = interval(p, variance, falls.draws.effective(prior))
+    low, high = interval(p, variance, falls.draws.effective(prior), none)
     return Chance(probability=p, low=low, high=high, hits=int(hit.sum()), bound=low == 0.0 and p * len(w) < 1.0)
+
+
+def _without_a_hit(w: Array) -> float:
+    """What may hit at most (95 %) where none of the flown draws, of these weights, does: no other comes near."""
+    mass, square = float(w.sum()), float(np.sum(w**2))
+    high = mass * of_count(0, max(int(mass**2 / square), 1))[1] if square > 0.0 else 0.0
+    return min(high + LEFT_OUT, 1.0)
 
 
 def _unevenness(draws: Draws, prior: str) -> float:
@@ -227,12 +232,13 @@ def _unevenness(draws: Draws, prior: str) -> float:
     return float(np.sum(squares[several] / (number[several] - 1.0))) / total if total > 0.0 else 0.0
 
 
-def interval(p: float, variance: float, draws: float) -> tuple[float, float]:
+def interval(p: float, variance: float, draws: float, none: float = 1.0) -> tuple[float, float]:
     """95 % of a probability whose error has a variance.
 
     Parameters
     ----------
     draws : how many draws of equal weight tell as much, where all of them agree.
+    none : what may hit at most where no draw does, if that is known to be less than so many draws leave.
 
     Notes
     -----
@@ -241,14 +247,14 @@ def interval(p: float, variance: float, draws: float) -> tuple[float, float]:
     counted in the same way where they are rarer: a few of them, or none, leave 1 open.
     """
     if p > 0.5:
-        low, high = _of_the_rarer(1.0 - p, variance, draws)
+        low, high = _of_the_rarer(1.0 - p, variance, draws, 1.0)
         return 1.0 - high, 1.0 - low
-    return _of_the_rarer(p, variance, draws)
+    return _of_the_rarer(p, variance, draws, none)
 
 
-def _of_the_rarer(p: float, variance: float, draws: float) -> tuple[float, float]:
+def _of_the_rarer(p: float, variance: float, draws: float, none: float) -> tuple[float, float]:
     """The same of at most one half."""
-    sigma, none = float(np.sqrt(variance)), of_count(0, max(int(draws), 1))[1]
+    sigma, none = float(np.sqrt(variance)), min(of_count(0, max(int(draws), 1))[1], none)
     if p * p < FEW_HITS * variance or not variance > 0.0:
         return 0.0, min(max(p + 4.0 * sigma, none if p * draws < 1.0 else 0.0), 1.0)
     number = min(p * (1.0 - p) / variance, 1e9)

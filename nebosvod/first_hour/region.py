@@ -63,6 +63,12 @@ class Region:
         half = np.sqrt(np.where(room > 0.0, room, np.nan))
         return -along - half, -along + half
 
+    def holds(self, states: Array, gm_km3_s2: float) -> npt.NDArray[np.bool_]:
+        """Which heliocentric states (m, 6) are bound, where only such count: far away a motion's error unbinds some."""
+        energy = 0.5 * np.sum(states[:, 3:] ** 2, axis=1) - gm_km3_s2 / np.linalg.norm(states[:, :3], axis=1)
+        found: npt.NDArray[np.bool_] = (energy < 0.0) | (not self.bound)
+        return found
+
     def allows(self, above_km: Array) -> npt.NDArray[np.bool_]:
         """Which orbits (m,) stay above the Earth at the measurements."""
         allowed: npt.NDArray[np.bool_] = above_km > EARTH_RADIUS_KM

@@ -44,9 +44,9 @@ def spread_row(values: npt.NDArray[np.float64], weight: npt.NDArray[np.float64])
 
 
 def fall_row(found: Alert) -> Row | None:
-    """When and where the orbits that hit the Earth come down; None where none does."""
+    """When and where the orbits that hit the Earth come down; None where none does, or those weigh next to nothing."""
     place, when = found.corridor, epoch_of(found.falls, found.tracklet)
-    if place is None or when is None:
+    if place is None or when is None or found.headline.bound:
         return None
     epoch, half_s = when
     return {"body": "earth", "epoch_utc": epoch.iso("utc", 0), "half_68_s": half_s, **corridor_row(place)}
@@ -90,7 +90,7 @@ def moment_row(one: Moment) -> Row:
         "sigma_log_range": one.sigma_log_range,
         "range_au": one.range_au,
         "chances": {prior: chance_row(chance) for prior, chance in one.chances.items()},
-        "corridor": None if one.corridor is None else corridor_row(one.corridor),
+        "corridor": None if one.corridor is None or one.chances[HEADLINE].bound else corridor_row(one.corridor),
     }
 
 
@@ -113,7 +113,7 @@ def message_of(found: Alert) -> str:
     sigma, best = found.sigma_log_range, spread_row(found.numbers.range_au, found.draws.weight())
     if sigma < KNOWN:
         return f"the range is {best['median']:.4g} au, known to {100.0 * sigma:.2g} %"
-    factor = best["q84"] / best["median"]
+    factor = max(best["q84"] / best["median"], best["median"] / best["q16"])
     return (
         f"not observable as an orbit: the range is {best['median']:.3g} au within a factor of {factor:.2g} (68 %)"
         if factor < 100.0
