@@ -147,19 +147,6 @@ def _text(
     return "\n".join(lines) + "\n"
 
 
-def geocentric(kind: Kind, ephemeris: Ephemeris) -> tuple[float, float]:
-    """Perigee, km, and twice the energy about the Earth, km^2/s^2."""
-    earth = (
-        ephemeris.state_km_km_s("earth", EPOCH, np.zeros(1))[0] - ephemeris.state_km_km_s("sun", EPOCH, np.zeros(1))[0]
-    )
-    away = kind.state(earth) - earth
-    r, v = away[:3], away[3:]
-    c3 = float(v @ v - 2.0 * GM_EARTH / np.linalg.norm(r))
-    h2 = float(np.sum(np.cross(r, v) ** 2))
-    e = float(np.sqrt(1.0 + c3 * h2 / GM_EARTH**2))
-    return h2 / GM_EARTH / (1.0 + e), c3
-
-
 def _straight(range_au: float, speed_km_s: float) -> Callable[[Array], Array]:
     """Comes from opposition straight at the Earth's middle, but slowly across: no motion on the sky but parallax."""
     return about_earth((range_au * AU, 0.0, 0.0), (-speed_km_s, 0.0, 0.0))
