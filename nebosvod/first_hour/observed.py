@@ -133,8 +133,10 @@ def without_gross_errors(tracklet: Tracklet, region: Region, mission: FitMission
         return tracklet, kept
     chosen = tracklet
     while len(kept) > 3:
-        best = _best(Conditional(condensed(chosen, region)), region)
-        chi2 = _each(Conditional(chosen), best)
+        few, every = Conditional(condensed(chosen, region)), Conditional(chosen)
+        best = _best(few, region)
+        # coordinates are from the direction at the reference time, which is not the same where records are condensed
+        chi2 = _each(every, np.hstack([every.coordinates(few.states(best[:, :6])), best[:, 6:]]))
         worst = int(np.argmax(chi2))
         if not chi2[worst] > _limit(thresholds, len(kept)):
             break

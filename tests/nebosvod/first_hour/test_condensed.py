@@ -10,11 +10,15 @@ import numpy.typing as npt
 import pytest
 
 from nebosvod.dynamics import Ephemeris
+from nebosvod.first_hour import observed
 from nebosvod.first_hour.condensed import condensed
 from nebosvod.first_hour.conditional import Conditional
 from nebosvod.first_hour.grid import grid_of
+from nebosvod.first_hour.observed import without_gross_errors
 from nebosvod.first_hour.quadrature import Quadrature
 from nebosvod.first_hour.tracklet import Tracklet
+from nebosvod.pipeline import mission_of
+from nebosvod.units import ARCSEC
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 from hour_cases import Case, Made, made  # type: ignore[import-not-found]
@@ -91,6 +95,23 @@ def test_chi_squared_of_any_orbit_is_that_of_all_records(kind: str, bodies: Ephe
     away = ours - direct
     assert np.abs(away).max() < 0.1  # what is the same for all orbits: 1e-9 rad of each record, and their scatter
     assert np.ptp(away) < 1e-4  # of chi squared of hundreds and thousands
+
+
+def test_gross_errors_are_sought_at_the_best_orbit_of_all_records(
+    bodies: Ephemeris, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One of five arcseconds is found, and as many good ones are lost as of records taken one by one."""
+    one = night(40, bodies)
+    moved = one.tracklet.observed.copy()
+    moved[11, 1] += 5.0 * ARCSEC
+    spoiled, mission = replace(one.tracklet, observed=moved), mission_of(["any"])
+    _, kept = without_gross_errors(spoiled, one.region, mission)
+    lost = np.setdiff1d(np.arange(40), kept)
+    assert 11 in lost
+    assert len(lost) <= 3  # one in fifty is beyond the limit by chance; 17 of 100 were left out of a good night
+    monkeypatch.setattr(observed, "condensed", lambda tracklet, region: tracklet)
+    _, direct = without_gross_errors(spoiled, one.region, mission)
+    np.testing.assert_array_equal(kept, direct)
 
 
 def test_five_hundred_records_cost_what_a_dozen_do(bodies: Ephemeris) -> None:
