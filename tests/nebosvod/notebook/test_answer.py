@@ -171,7 +171,7 @@ def test_a_mission_shows_itself_and_draws_before_it_is_run() -> None:
 
 
 def test_marks_of_a_figure_are_marks_of_matplotlib(apophis: Any) -> None:
-    """On the page dots are strokes without length; here they keep their size whatever the limits."""
+    """On the page they are strokes; here they keep their size whatever the limits."""
     lines = apophis.plot.residuals().axes[0].get_lines()
-    assert any(line.get_marker() == "o" and len(line.get_xdata()) == 39 for line in lines)
+    assert any(line.get_marker() == "s" and len(line.get_xdata()) == 39 for line in lines)
     assert not [one for one in apophis.plot.residuals().axes[0].collections if isinstance(one, PathCollection)]

@@ -175,8 +175,12 @@ def test_a_long_computation_does_not_hold_up_the_next_text(tab: Tab) -> None:
     before = tab.sigma_km
     tab.page.locator("#text").fill(MISSION.replace("cadence: 12 h", "cadence: 34 s"))  # 96 000 measurements: seconds
     expect(tab.page.locator("#speed")).to_have_text("computing")  # a second on a quiet machine: no time to lose here
-    assert tab.write(MISSION.replace("0.1 arcsec", "0.2 arcsec")) < WITHIN_S
-    assert tab.sigma_km == pytest.approx(2.0 * before, rel=1e-9)
+    started = time.monotonic()
+    tab.page.locator("#text").fill(MISSION.replace("0.1 arcsec", "0.2 arcsec"))
+    wanted = pytest.approx(2.0 * before, rel=1e-9)  # the long one may just have ended and be seen first
+    while tab.sigma_km != wanted and time.monotonic() < started + WITHIN_S:
+        tab.page.wait_for_timeout(20.0)
+    assert tab.sigma_km == wanted
 
 
 def test_two_tabs_do_not_mix(tab: Tab, browser: Browser, served: Served) -> None:
@@ -226,6 +230,10 @@ def test_a_file_that_is_gone_takes_no_text_with_it(tab: Tab, browser: Browser, s
     tab.page.get_by_role("button", name="Write it again").click()
     expect(tab.page.locator("#ask")).to_be_hidden()
     expect(tab.page.locator("#state")).to_have_text("(saved)")
+    for _ in range(500):  # it said so before as well
+        if served.file.exists():
+            break
+        tab.page.wait_for_timeout(20.0)
     assert served.file.read_text("utf-8") == mine
     assert len(tab.said) == 4  # three refusals to save, one to run; nothing else went wrong
     tab.said.clear()
