@@ -33,10 +33,12 @@ def paired(study: Study, columns: Mapping[str, npt.NDArray[Any]]) -> list[dict[s
     found: dict[tuple[Any, ...], dict[str, bool]] = {}
     for k in np.flatnonzero(once):
         found.setdefault(settings[k], {})[str(columns["object"][k])] = bool(seen[k])
-    (first, there), *rest = found.items()
     rows = []
+    (first, there), *rest = found.items() or [((), {})]
     for key, here in rest:
         both = [name for name in there if name in here]
+        if len(both) < 2:  # a sample has other settings at each object: nothing is paired
+            continue
         flags = (np.array([one[name] for name in both], dtype=np.bool_) for one in (there, here))
         rows.append({"where": dict(zip(others, key)), "than": dict(zip(others, first)), **difference(*flags)})
     return rows

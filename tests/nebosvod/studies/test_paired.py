@@ -2,13 +2,15 @@
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy import stats
 
 from nebosvod.cli import main
-from nebosvod.studies.paired import difference
+from nebosvod.studies.paired import difference, paired
 from tests.nebosvod.studies.test_population import SCHEMA
 
 
@@ -68,3 +70,15 @@ def test_a_study_of_a_catalogue_tells_what_a_deeper_limit_sees_more(
     assert f"limit 30 beside limit 18, the same 5 objects: {row['only_here']} seen only here, 0 only there" in said
     assert "The same 5 objects, beside limit 18" in Path("o/study.html").read_text("utf-8")
     assert SCHEMA["properties"]["paired"]["items"]["required"] == list(row)
+
+
+def test_a_sample_whose_settings_differ_at_each_object_pairs_nothing() -> None:
+    study: Any = SimpleNamespace(
+        axes=[SimpleNamespace(name="object"), SimpleNamespace(name="limit")], objects=1, drawn=0
+    )
+    columns = {
+        "object": np.array(["a", "b", "c"]), "limit": np.array([1.0, 2.0, 3.0]),
+        "status": np.array(["ok", "ok", "not_seen"]), "draw": np.zeros(3),
+    }  # fmt: skip
+    assert paired(study, columns) == []
+    assert paired(study, {name: values[:0] for name, values in columns.items()}) == []
