@@ -133,5 +133,6 @@ def _decisions(rows: list[Row]) -> Iterator[str]:
         spread = row["quantiles"]
         yield (
             f"  {row['epoch_utc'][:16].replace('T', ' ')}  {row['telescope']}: settles it with chance "
-            f"{row['settles']:.2f}; P then {spread['q16']:.2g} to {spread['q84']:.2g}, median {spread['median']:.2g}"
+            f"{row['settles']:.2f} ({row['settles_low']:.2f} to {row['settles_high']:.2f}); "
+            f"P then {spread['q16']:.2g} to {spread['q84']:.2g}, median {spread['median']:.2g}"
         )

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from nebosvod.first_hour.conditional import Conditional, Nodes
+from nebosvod.first_hour.conditional import RATE, Conditional, Nodes
 from nebosvod.first_hour.quadrature import Quadrature
 from nebosvod.first_hour.region import Region
 from nebosvod.first_hour.sight import lines, together
@@ -36,13 +36,22 @@ MAY_BE = 40.0  # of chi squared above the best
 
 
 def searched(conditional: Conditional, region: Region) -> Nodes:
-    """The best orbits at ranges over all of the region, the range rate free."""
+    """The best orbits at ranges over all of the region, at range rates that there are: up to those of hyperbolas.
+
+    A curvature that is noise, or that of an orbit nearby, fits far away at a thousand km/s: such an orbit is none, and
+    least squares about it lead anywhere.
+    """
     low, high = region.ranges(conditional.tracklet)
     x = np.linspace(low, high, SEARCHED)
     begin, end = region.rates(conditional, conditional.first(x, np.zeros(SEARCHED)))
     middle = np.where(np.isfinite(begin), 0.5 * (begin + end), 0.0)
     half = np.where(np.isfinite(begin), np.maximum(end - begin, 1.0), 30.0)
-    return conditional.solve(conditional.first(x, middle), 1, (middle, half))
+    free = conditional.solve(conditional.first(x, middle), 1, (middle, half))
+    start = free.coordinates.copy()
+    begin, end = replace(region, bound=False).rates(conditional, start)
+    start[:, RATE] = np.clip(start[:, RATE], np.nan_to_num(begin, nan=-np.inf), np.nan_to_num(end, nan=np.inf))
+    start[:, 2:] += (start[:, RATE] - free.coordinates[:, RATE])[:, None] * free.drift[:, -4:]
+    return conditional.solve(start, 2)
 
 
 def condensed(tracklet: Tracklet, region: Region) -> Tracklet:

@@ -22,12 +22,14 @@ class Draws:
     ----------
     cell : (m,) the node of the grid each was drawn about.
     coordinates, states : (m, 6) with the attributable drawn; heliocentric ICRF at the reference time, km and km/s.
+    nuisance : (m, k) drawn with it: biases, clocks and places of the stations.
     log_density : by prior, (m,) log of posterior density times the size of the cell, up to a constant.
     """
 
     cell: Rows
     coordinates: Array
     states: Array
+    nuisance: Array
     log_density: Mapping[str, Array]
 
     def __len__(self) -> int:
@@ -54,6 +56,7 @@ class Draws:
             cell=np.concatenate([self.cell, other.cell]),
             coordinates=np.concatenate([self.coordinates, other.coordinates]),
             states=np.concatenate([self.states, other.states]),
+            nuisance=np.concatenate([self.nuisance, other.nuisance]),
             log_density={p: np.concatenate([log, other.log_density[p]]) for p, log in self.log_density.items()},
         )
 
@@ -109,6 +112,7 @@ def draw(grid: Grid, number: Rows, rng: np.random.Generator) -> Draws:
         cell=cell,
         coordinates=coordinates,
         states=states,
+        nuisance=nodes.nuisance + moved[:, :-4],
         log_density={prior: log + log_prior(prior, nodes) for prior in grid.priors},
     )
 

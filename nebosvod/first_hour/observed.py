@@ -15,7 +15,7 @@ from nebosvod.dynamics.impact import follow
 from nebosvod.errors import GeometryError
 from nebosvod.estimation.solvers.rejection import Thresholds
 from nebosvod.first_hour.condensed import condensed, searched
-from nebosvod.first_hour.conditional import Conditional
+from nebosvod.first_hour.conditional import RATE, Conditional
 from nebosvod.first_hour.region import Region
 from nebosvod.first_hour.tracklet import Columns, Tracklet, middle_of
 from nebosvod.fits.engine import thresholds_of
@@ -155,7 +155,8 @@ def _best(conditional: Conditional, region: Region) -> Array:
     found = int(np.argmin(lines.chi2))
     if lines.range_sigma[found] < 0.5:
         full = conditional.solve(lines.coordinates[found : found + 1], 0)
-        if full.chi2[0] <= lines.chi2[found]:
+        low, high = replace(region, bound=False).rates(conditional, full.coordinates)
+        if full.chi2[0] <= lines.chi2[found] and low[0] <= full.coordinates[0, RATE] <= high[0]:
             return np.hstack([full.coordinates, full.nuisance])
     return np.hstack([lines.coordinates[found : found + 1], lines.nuisance[found : found + 1]])
 

@@ -114,8 +114,9 @@ def _answers(summary: Item) -> list[tuple[str, list[Cell]]]:
     best = max(summary["decisions"], key=lambda row: row["settles"], default=None)
     if best is not None:
         said.append(("What would help", [
-            Markup("One more observation from {} at {} settles it with a chance of {}.").format(
-                best["telescope"], moment(best["epoch_utc"]), number(best["settles"], 2))
+            Markup("One more observation from {} at {} settles it with a chance of {} ({} to {}).").format(
+                best["telescope"], moment(best["epoch_utc"]),
+                *(number(best[name], 2) for name in ("settles", "settles_low", "settles_high")))
         ]))  # fmt: skip
     elif summary["fields"]:
         first = summary["fields"][0]
@@ -307,7 +308,8 @@ def _decisions(rows: Sequence[Item]) -> Table | None:
         return None
     body = tuple(
         (
-            row["epoch_utc"][:16].replace("T", " "), row["telescope"], number(row["settles"], 2),
+            row["epoch_utc"][:16].replace("T", " "), row["telescope"],
+            f"{number(row['settles'], 2)} ({number(row['settles_low'], 2)} to {number(row['settles_high'], 2)})",
             *(number(row["quantiles"][name], 2) for name in ("q16", "median", "q84")),
         )
         for row in rows

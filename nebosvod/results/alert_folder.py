@@ -105,6 +105,8 @@ def decision_row(one: Decision) -> Row:
         "falls_below": {"threshold": one.low, "chance": float(np.mean(one.outcomes < one.low))},
         "rises_above": {"threshold": one.high, "chance": float(np.mean(one.outcomes > one.high))},
         "settles": one.settles,
+        "settles_low": one.interval[0],
+        "settles_high": one.interval[1],
     }
 
 

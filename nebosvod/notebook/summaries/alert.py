@@ -345,7 +345,7 @@ class Decision(Typed):
     n_truths : a whole number.
     quantiles : Spread.
     falls_below, rises_above : Crossing.
-    settles : a number.
+    settles, settles_low, settles_high : a number.
     """
 
     telescope: str
@@ -356,6 +356,8 @@ class Decision(Typed):
     falls_below: Crossing
     rises_above: Crossing
     settles: float
+    settles_low: float
+    settles_high: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)

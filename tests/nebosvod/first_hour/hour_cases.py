@@ -94,7 +94,7 @@ def made(case: Case, ephemeris: Ephemeris) -> Made:
     exposures = Exposures.of(EPOCH, planned, ephemeris)
     sigma = case.sigma_arcsec * ARCSEC
     exposures = replace(exposures, sigma_rad=np.full((len(exposures), 2), sigma))
-    columns = _columns(case, exposures)
+    columns = columns_of(case, exposures)
     empty = Tracklet.of(case.name, exposures, np.zeros((len(exposures), 2)), ForceModel(ephemeris=ephemeris), columns)
     step_s = oracle.STEPS_S[int(case.rho_au > 0.05)]
     bodies = oracle.Bodies.of(ephemeris, empty.epoch, empty.exposures.t_s, step_s)
@@ -128,7 +128,7 @@ def aimed(case: Case, ephemeris: Ephemeris) -> Case:
     return replace(case, across_km_s=(east, north))
 
 
-def _columns(case: Case, exposures: Exposures) -> Columns:
+def columns_of(case: Case, exposures: Exposures) -> Columns:
     """Bias, clock and place of each observer, as far as the case has them."""
     n, who = len(exposures), exposures.telescope_index
     parts: list[tuple[str, Array, Array, Array, float]] = []

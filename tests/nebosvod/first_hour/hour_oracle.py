@@ -116,8 +116,11 @@ def directions(
     return psi, np.stack([east, north], axis=-1), d
 
 
-def covariance(case: Any, columns: Any, far_km: Array, rate: Array, psi: Array, sigma: float) -> Array:
-    """Dense covariance (m, 2 n, 2 n) of directions to what is so far (m, n) from each observer, with every nuisance."""
+def covariance(case: Any, columns: Any, far_km: Array, rate: Array, psi: Array, sigma: float | Array) -> Array:
+    """Dense covariance (m, 2 n, 2 n) of directions to what is so far (m, n) from each observer, with every nuisance.
+
+    The noise may be another one (n,) for each direction.
+    """
     m, n = rate.shape[:2]
     cr, sr, cd, sd = np.cos(psi[..., 0]), np.sin(psi[..., 0]), np.cos(psi[..., 1]), np.sin(psi[..., 1])
     zero = np.zeros_like(cr)
@@ -129,7 +132,8 @@ def covariance(case: Any, columns: Any, far_km: Array, rate: Array, psi: Array, 
     )
     variance = 1.0 / np.diag(columns.information) ** 2 if columns.names else np.zeros(0)
     H = H.reshape(m, 2 * n, -1)
-    found: Array = sigma**2 * np.eye(2 * n) + (H * variance) @ H.transpose(0, 2, 1)
+    noise = np.diag(np.repeat(np.broadcast_to(sigma, (n,)), 2) ** 2)
+    found: Array = noise + (H * variance) @ H.transpose(0, 2, 1)
     return found
 
 
@@ -143,7 +147,7 @@ class Problem:
     observed: Array
     case: Any
     columns: Any
-    sigma: float
+    sigma: float | Array
     low: float
     high: float
 

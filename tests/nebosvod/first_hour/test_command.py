@@ -187,6 +187,19 @@ def test_a_fit_of_every_object_tells_a_probability_below_an_arc_too_short(
     assert found["low"] <= found["probability"] <= found["high"]
 
 
+def test_records_hours_later_leave_no_good_one_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A fifth record, made up of an orbit at 0.0079 au that fits the four, with an error of 0.5 arcsec.
+
+    The best curve of all goes far away at a thousand km/s; two good records were left out, as no orbit about it fits.
+    """
+    later = "     K18L00A  C2018 06 02.48394416 04 50.990-11 45 59.34         18.0 GV~2i5UG96\n"
+    (tmp_path / "later.obs80").write_text(LA + later)
+    assert main(["alert", str(tmp_path / "later.obs80"), "--hours", "1", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["rejected"] == []
+    assert found["quantities"]["range_au"]["q025"] < 0.00786 < found["quantities"]["range_au"]["q975"]
+
+
 @pytest.mark.long
 def test_what_one_more_observation_would_do_is_told(answer: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Whom it asks is who observed last; chances and quantiles of the probability afterwards are in order."""
@@ -194,7 +207,8 @@ def test_what_one_more_observation_would_do_is_told(answer: Path, capsys: pytest
     assert main(["alert", observations, "--decide", "--hours", "2", "--json"]) == 0
     (row,) = json.loads(capsys.readouterr().out)["decisions"]
     assert row["telescope"].startswith("G96")
-    assert 0.0 <= row["settles"] <= 1.0
+    assert 0.0 <= row["settles_low"] <= row["settles"] <= row["settles_high"] <= 1.0
+    assert row["settles_high"] - row["settles_low"] > 0.2  # of a dozen truths
     assert row["quantiles"]["q16"] <= row["quantiles"]["median"] <= row["quantiles"]["q84"]
 
 
