@@ -1,7 +1,8 @@
 """Which of the drawn orbits hit within a time, and with what probability.
 
-An orbit that, by the Sun alone, stays far from the Earth all the time is not flown; all others are, with every force.
-Then more orbits are drawn where it is not clear whether a cell of the grid hits: at the border of the impacting region.
+An orbit that, by the Sun alone, stays far from the Earth all the time is not flown, nor one that circles it too low to
+be disturbed; all others are, with every force. Then more orbits are drawn where it is not clear whether a cell of the
+grid hits: at the border of the impacting region; and where none hits, so many that the bound is some thousandths.
 """
 
 from dataclasses import dataclass
@@ -13,6 +14,7 @@ from scipy.special import betaincinv
 from nebosvod.dynamics.constants import AU_KM, DAY_S
 from nebosvod.dynamics.each import fates_of_each
 from nebosvod.dynamics.twobody_many import fly as fly_by_the_sun
+from nebosvod.first_hour.circling import lowest_perigee
 from nebosvod.first_hour.draws import Draws, draw, shares
 from nebosvod.first_hour.grid import HEADLINE, Grid
 from nebosvod.first_hour.tracklet import Tracklet
@@ -33,6 +35,7 @@ WORTH, POINTS = 1e-3, 200.0  # a probability that has a corridor, and of how man
 CLEAR = 1e-6  # of a cell: it need not be looked at again
 TAIL = 0.025
 FEW_HITS = 5.0
+BOUND = 4e-3  # of what may hit where no draw does, or next to none: so many more draws are made where they come near
 LEFT_OUT = 1e-6  # of the mass, that no cell or no draw stands for
 
 
@@ -47,7 +50,7 @@ class Falls:
     body : (m,) what it hits, "" for nothing.
     t_s : (m,) when it comes to the surface, TDB seconds after the reference time; of others nan.
     position_km, velocity_km_s : (m, 3) then, from the centre of the body, ICRF.
-    miss_km : (m,) how near those come that do not hit; by the Sun alone where not flown.
+    miss_km : (m,) how near those come that do not hit; where not flown by the Sun alone, or the least perigee.
     """
 
     draws: Draws
@@ -89,16 +92,27 @@ class Chance:
 
 def fall(grid: Grid, within_d: float, rng: np.random.Generator) -> Falls:
     """Draw orbits of a grid and see what becomes of them within some days of the reference time."""
-    tracklet = grid.conditional.tracklet
-    miss = _nearest_by_the_sun(tracklet, grid.conditional.states(grid.nodes.coordinates), within_d)
-    found = flown(tracklet, draw(grid, shares(grid, FIRST, miss < 10.0 * TARGET_KM), rng), within_d)
-    for _ in range(ROUNDS):
-        number = _unclear(grid, found, MORE)
-        if not number.any():
-            break
-        found = found.joined(flown(tracklet, draw(grid, number, rng), within_d))
-    number = _of_the_corridor(grid, found)
-    return found.joined(flown(tracklet, draw(grid, number, rng), within_d)) if number.any() else found
+    tracklet, states = grid.conditional.tracklet, grid.conditional.states(grid.nodes.coordinates)
+    near = _nearest_by_the_sun(tracklet, states, within_d) < 10.0 * TARGET_KM
+    near &= ~np.isfinite(lowest_perigee(tracklet, states, within_d))
+    found = flown(tracklet, draw(grid, shares(grid, FIRST, near), rng), within_d)
+    for more in (*[_unclear] * ROUNDS, _of_the_bound, _of_the_corridor):
+        number = more(grid, found)
+        if number.any():
+            found = found.joined(flown(tracklet, draw(grid, number, rng), within_d))
+    return found
+
+
+def _of_the_bound(grid: Grid, found: Falls) -> Rows:
+    """How many more to draw in each cell that comes near, where a hit is not certain to be possible: each weighs alike.
+
+    Three of N draws of one weight are left open, so that N of them leave 3/N times what all weigh.
+    """
+    w = np.where(found.flown, found.draws.weight(), 0.0)
+    if chance(grid, found).low > 0.0 or not np.sum(w**2) > BOUND / 3.0 * np.sum(w):
+        return np.zeros(len(grid.nodes), dtype=np.int64)
+    more: Rows = np.rint(3.0 / BOUND * np.bincount(found.draws.cell, w, len(grid.nodes))).astype(np.int64)
+    return more
 
 
 def _of_the_corridor(grid: Grid, found: Falls) -> Rows:
@@ -111,7 +125,7 @@ def _of_the_corridor(grid: Grid, found: Falls) -> Rows:
     return more
 
 
-def _unclear(grid: Grid, found: Falls, count: int) -> Rows:
+def _unclear(grid: Grid, found: Falls, count: int = MORE) -> Rows:
     """How many more orbits to draw in each cell: as Neyman shares them, by weight and spread of the answer."""
     p = _of_cells(grid, found, found.hits())
     w = np.mean([grid.weight(prior) for prior in grid.priors], axis=0)
@@ -128,7 +142,8 @@ def _of_cells(grid: Grid, found: Falls, hit: Flags) -> Array:
     m, cell = len(grid.nodes), found.draws.cell
     drawn, hits = np.bincount(cell, minlength=m), np.bincount(cell, hit, m)
     nearest, farthest = np.full(m, np.inf), np.full(m, -np.inf)
-    np.minimum.at(nearest, cell, np.where(hit, 0.0, found.miss_km))
+    apart = np.where(found.flown, found.miss_km, np.maximum(found.miss_km, FAR_KM))
+    np.minimum.at(nearest, cell, np.where(hit, 0.0, apart))
     np.maximum.at(farthest, cell, np.where(hit, 0.0, 1.0))
     none = np.clip((TARGET_KM / np.maximum(_of_neighbours(grid, nearest), 1.0)) ** 2, 0.0, 0.5)
     some = np.where(-_of_neighbours(grid, -farthest) > 0.0, 0.5, 0.0)  # of a miss, where all hit
@@ -157,7 +172,9 @@ def flown(tracklet: Tracklet, draws: Draws, within_d: float) -> Falls:
     """Fly those orbits that may come near the Earth."""
     m = len(draws)
     miss = _nearest_by_the_sun(tracklet, draws.states, within_d)
-    near = (miss < FAR_KM) & np.isfinite(draws.log_density[HEADLINE])
+    circling = lowest_perigee(tracklet, draws.states, within_d)
+    miss = np.where(np.isfinite(circling), circling, miss)
+    near = (miss < FAR_KM) & ~np.isfinite(circling) & np.isfinite(draws.log_density[HEADLINE])
     body, t_s = np.full(m, "", dtype="<U16"), np.full(m, np.nan)
     place, velocity = np.full((m, 3), np.nan), np.full((m, 3), np.nan)
     rows = np.flatnonzero(near)

@@ -82,6 +82,6 @@ def test_what_circles_the_earth_is_told_to_be_perhaps_artificial() -> None:
     ephemeris, said = Ephemeris.load(), []
     for case in (satellite, CASES[1]):
         one = made(case, ephemeris)
-        said.append(" ".join(summarise(alert(one.tracklet, Question(region=one.region)))["warnings"]))
+        said.append(" ".join(summarise(alert(one.tracklet, Question(region=one.region, within_d=3.0)))["warnings"]))
     assert "bound to the Earth" in said[0]
     assert "bound to the Earth" not in said[1]
