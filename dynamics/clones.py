@@ -30,7 +30,7 @@ from nebosvod.dynamics.nongrav import PARAMETERS
 from nebosvod.dynamics.propagator import TOLERANCE, propagate
 from nebosvod.dynamics.surface import SURFACE_KM
 from nebosvod.dynamics.trajectory import Trajectory
-from nebosvod.dynamics.workspace import NO_WATCH, Samples, Steps
+from nebosvod.dynamics.workspace import NO_WATCH, Samples, first_steps
 from nebosvod.errors import EventError, ImpactError, InputError, listed
 from nebosvod.timescale import Epoch
 
@@ -244,7 +244,7 @@ class _Cloud:
         guides, ends = table.guides(physics), nominal.span_s
         if steps is not None:
             guide, nodes = guides[1]
-            short = Steps(*(field[:steps] for field in guide))
+            short = first_steps(guide, steps)
             guides, ends = (guides[0], (short, nodes[:steps])), (0.0, float(guide.start[steps]))
 
         def part(some: slice) -> None:
@@ -308,7 +308,7 @@ class _Order:
 
 def _order(table: StepTable, t_s: Array) -> _Order:
     """Find the step of each time and the weights of its nodes: the same for all clones."""
-    behind = 0 if table.legs[0] is None else len(table.legs[0].start)
+    behind = 0 if table.legs[0] is None else len(table.legs[0].rows)
     leg, step, weights = np.empty(len(t_s), np.int64), np.empty(len(t_s), np.int64), np.empty((len(t_s), 17))
     for e, t in enumerate(t_s):
         k = int(step_of(float(t), table.edges))

@@ -16,13 +16,13 @@ from nebosvod.dynamics.model import Physics
 from nebosvod.dynamics.nodes import nodes_width, tabulate_nodes
 from nebosvod.dynamics.stages import weighed
 from nebosvod.dynamics.window import Window
-from nebosvod.dynamics.workspace import NO_STEPS, Steps, memory
+from nebosvod.dynamics.workspace import ACCELERATION, LENGTH, NO_STEPS, START, STATE, VARIATION, Steps, memory
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(slots=True, eq=False)
 class StepTable:
     """Steps in ascending time with their edges (k + 1,), the ephemeris window, and the number of variation columns.
 
@@ -43,7 +43,7 @@ class StepTable:
         if not tables:
             w, bodies = self.window, len(self.window.layout)
             for guide in guides:
-                nodes = np.zeros((len(guide.start), nodes_width(bodies)))
+                nodes = np.zeros((len(guide.rows), nodes_width(bodies)))
                 tabulate_nodes(8, guide, physics, w.coefficients, w.layout, w.timing, memory(bodies, 0), nodes)
                 tables.append(nodes)
             self.nodes[:] = tables  # both at once: another thread may be here as well
@@ -69,29 +69,23 @@ def join(
     Without a backward one, the first step reaches back to `low_s`.
     """
     first = NO_STEPS if backward is None else backward
-    behind = len(first.start)
+    behind = len(first.rows)
     if not behind and forward is not None:
         merged = forward
     elif forward is None:
-        merged = Steps(*(np.ascontiguousarray(field[::-1]) for field in first))
+        merged = Steps(np.ascontiguousarray(first.rows[::-1]))
     else:
-        merged = Steps(*(np.concatenate((one[::-1], other)) for one, other in zip(first, forward)))
-        forward = Steps(*(field[behind:] for field in merged))  # the same numbers once: centuries of them are 40 MB
-    edges = np.empty(len(merged.start) + 1)
-    edges[:-1] = merged.start
+        merged = Steps(np.concatenate((first.rows[::-1], forward.rows)))
+        forward = Steps(merged.rows[behind:])  # the same numbers once: centuries of them are 40 MB
+    rows = merged.rows
+    edges = np.empty(len(rows) + 1)
+    edges[:-1] = rows[:, START]
     if behind:
-        edges[:behind] += merged.length[:behind]  # a backward step ends at its lower edge
+        edges[:behind] += rows[:behind, LENGTH]  # a backward step ends at its lower edge
     else:
         edges[0] = low_s
-    edges[-1] = merged.start.item(-1) + max(merged.length.item(-1), 0.0)
-    return StepTable(
-        edges=edges,
-        steps=merged,
-        window=window,
-        count=count,
-        legs=(backward, forward),
-        nodes=[] if nodes is None else nodes,
-    )
+    edges[-1] = rows.item(-1, START) + max(rows.item(-1, LENGTH), 0.0)
+    return StepTable(edges, merged, window, count, (backward, forward), [] if nodes is None else nodes)
 
 
 @kernel
@@ -142,20 +136,21 @@ def _evaluate(
     rows = 3 * count
     for e in range(times.shape[0]):
         k = step_of(times[e], edges)
-        h = steps.length[k]
-        s = (times[e] - steps.start[k]) / h
+        step = steps.rows[k]
+        h = step[LENGTH]
+        s = (times[e] - step[START]) / h
         step_weights(n, s, h, weights)
         moment[0] = times[e]
         position_at(one, moment, coefficients, layout, timing, SUN, T, u, record, sun)
         velocity_at(one, moment, coefficients, layout, timing, SUN, T, u, record, sun_velocity)
         for i in range(3):
-            q, r = weighed(weights, steps.acceleration[k], 8 * i)
-            state[e, i] = steps.state[k, i] + (s * h * steps.state[k, 3 + i] + r) - sun[8 * i]
-            state[e, 3 + i] = steps.state[k, 3 + i] + q - sun_velocity[8 * i]
+            q, r = weighed(weights, step, ACCELERATION + 8 * i)
+            state[e, i] = step[STATE + i] + (s * h * step[STATE + 3 + i] + r) - sun[8 * i]
+            state[e, 3 + i] = step[STATE + 3 + i] + q - sun_velocity[8 * i]
         for c in range(count):
             for i in range(3):
                 o = 3 * c + i
-                q, r = weighed(weights, steps.variation_acceleration[k], 8 * o)
-                slope = steps.variation[k, rows + o]
-                partials[e, i, c] = steps.variation[k, o] + s * h * slope + r
+                q, r = weighed(weights, step, VARIATION + 2 * rows + 8 * o)
+                slope = step[VARIATION + rows + o]
+                partials[e, i, c] = step[VARIATION + o] + s * h * slope + r
                 partials[e, 3 + i, c] = slope + q

@@ -251,7 +251,7 @@ def _within(t_s: Array, last: float) -> Integers:
 
 def _places(table: StepTable, t_s: Array) -> tuple[Integers, Array]:
     """Step (n,) of each time on the one leg there is, as it was integrated, and the weights (n, 17) of its nodes."""
-    behind = 0 if table.legs[0] is None else len(table.legs[0].start)
+    behind = 0 if table.legs[0] is None else len(table.legs[0].rows)
     step, weights = np.empty(len(t_s), np.int64), np.empty((len(t_s), 17))
     for e, t in enumerate(t_s.tolist()):
         k = int(step_of(t, table.edges))

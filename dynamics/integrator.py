@@ -24,6 +24,12 @@ from nebosvod.dynamics.stages import (
 )
 from nebosvod.dynamics.watch import DOWN, LEFT, leave, watched
 from nebosvod.dynamics.workspace import (
+    ACCELERATION,
+    LENGTH,
+    START,
+    STATE,
+    TIDE,
+    VARIATION,
     Memory,
     Samples,
     Steps,
@@ -112,16 +118,17 @@ def next_step(h: float, error: float, limit: float) -> float:
 @inlined_kernel
 def store(n: int, s: Steps, k: int, t: float, h: float, w: Work) -> None:
     """Write step k."""
-    s.start[k], s.length[k], s.tide[k] = t, h, largest(w.tide)
+    row = s.rows[k]
+    row[START], row[LENGTH], row[TIDE] = t, h, largest(w.tide)
     for i in range(3):
-        s.state[k, i], s.state[k, 3 + i] = w.x[i], w.v[i]
+        row[STATE + i], row[STATE + 3 + i] = w.x[i], w.v[i]
     for i in range(3 * n):
-        s.acceleration[k, i] = w.A[i]
+        row[ACCELERATION + i] = w.A[i]
     rows = w.D.shape[0] // 8
     for i in range(rows):
-        s.variation[k, i], s.variation[k, rows + i] = w.px[i], w.pv[i]
+        row[VARIATION + i], row[VARIATION + rows + i] = w.px[i], w.pv[i]
     for i in range(n * rows):
-        s.variation_acceleration[k, i] = w.D[i]
+        row[VARIATION + 2 * rows + i] = w.D[i]
 
 
 @inlined_kernel
@@ -173,25 +180,26 @@ def march(
     physics: tuple[Any, ...], columns: Integers, variations: bool, tolerance: float, guide: Steps, nodes: Array,
     samples: Samples, m: Memory, clock: Array, steps: Steps,
 ) -> int:  # fmt: skip
-    """Go on from where `clock` (4,) stands: time, length of the next step and of the last one, steps taken.
+    """Go on from where `clock` (5,) stands: time, length of the next step and of the last one, steps taken, and
+    the largest tide met in them.
 
     The arguments are those of `integrate`; `orbits` (k, 36) holds what is known of each, `m` what lasts of a step, and
     `steps` what has been taken. Returns a status, FULL when there is no more room for steps.
     """
     p = Physics(*physics)  # handed over as a bare tuple, which costs 2 us less
-    w, sampled, guided = laid_out(m, layout.shape[0]), samples.tide.shape[0] > 0, guide.start.shape[0] > 0
+    w, sampled, guided = laid_out(m, layout.shape[0]), samples.tide.shape[0] > 0, guide.rows.shape[0] > 0
     t, h, h_before, taken = clock[0], clock[1], clock[2], int(clock[3])
     shown, following, sign, status = 0, 0, 1.0 if end_s > 0.0 else -1.0, OK
     converged, down, error, limit, excess = True, False, 0.0, 0.0, EXCESS_ON_A_GRID if guided else EXCESS
     if taken == 0:
         begin(n, m, w, orbits[0], strengths[0])
     while sign * (end_s - t) > 0.0 and taken < MOST_STEPS and (guided or not down):
-        if not sampled and taken == steps.start.shape[0]:
+        if not sampled and taken == steps.rows.shape[0]:
             status = FULL
             break
         if guided:
             h = follow_guide(n, w, p, guide, nodes, taken)
-            t_next = end_s if taken == guide.start.shape[0] - 1 else t + h
+            t_next = end_s if taken == guide.rows.shape[0] - 1 else t + h
         else:
             first = h == 0.0
             t_next = end_s if not first and sign * (t + h - end_s) >= -1e-9 * abs(h) else t + h
@@ -221,6 +229,7 @@ def march(
                 following, down = sample(o, taken, shown, w, samples), watched(n, o, t, h, w, samples.watch)
             else:
                 store(n, steps, taken, t, h, w)
+                clock[4] = max(clock[4], steps.rows[taken, TIDE])
             advance(n, w, h)
             if sampled:
                 put_down(n, w, orbits[o])
@@ -244,7 +253,7 @@ def integrate(
     n: int, starts: Array, strengths: Array, end_s: float, coefficients: Array, layout: Integers, timing: Array,
     p: Physics, columns: Integers, variations: bool, tolerance: float, guide: Steps, nodes: Array, samples: Samples,
     most: int = MOST_STEPS,
-) -> tuple[int, Steps]:  # fmt: skip
+) -> tuple[int, Steps, float]:  # fmt: skip
     """Integrate one orbit, or many on the grid of a guide, from t = 0 to end_s (either sign).
 
     Parameters
@@ -263,20 +272,21 @@ def integrate(
         orbit, of which the steps are wanted. With neither guide nor times one orbit is watched on steps of its own.
     most : how many steps of one orbit there may be, up to MOST_STEPS; each keeps 0.3 to 3 kB.
 
-    Returns a status (OK, STALLED, TOO_MANY_STEPS, or OFF_GRID if the guide's steps do not suit) and the accepted steps.
+    Returns a status (OK, STALLED, TOO_MANY_STEPS, or OFF_GRID if the guide's steps do not suit), the accepted steps and
+    the largest GM/r^3 met in them, s^-2.
     """
     count = 6 + len(columns) if variations else 0
-    lasting, clock, orbits = memory(len(layout), count), np.zeros(4), np.zeros((len(starts), 36))
+    lasting, clock, orbits = memory(len(layout), count), np.zeros(5), np.zeros((len(starts), 36))
     orbits[:, :6] = starts
-    expected = len(guide.start) or min(int(abs(end_s) / USUAL_STEP_S) + 16, most)
+    expected = len(guide.rows) or min(int(abs(end_s) / USUAL_STEP_S) + 16, most)
     steps, status = make_steps(0 if len(samples.tide) else expected, count), FULL
-    forces, one = tuple(p), not len(guide.start) and not len(samples.tide)
+    forces, one = tuple(p), not len(guide.rows) and not len(samples.tide)
     while status == FULL:
         status = (straight(march) if one else march)(
             n, orbits, strengths, end_s, coefficients, layout, timing, forces, columns, variations, tolerance, guide,
             nodes, samples, lasting, clock, steps,
         )  # fmt: skip
-        if status == FULL and len(steps.start) >= most:
+        if status == FULL and len(steps.rows) >= most:
             status = TOO_MANY_STEPS
         elif status == FULL:
             steps = enlarged(steps, count, most)
@@ -284,7 +294,7 @@ def integrate(
         flying = samples.watch.left[:, 0] == 0.0
         samples.watch.left[flying, 1], samples.watch.left[flying, 2:] = clock[0], orbits[flying, :6]
     taken = 0 if len(samples.tide) else int(clock[3])
-    return status, steps if taken == len(steps.start) else first_steps(steps, taken)
+    return status, steps if taken == len(steps.rows) else first_steps(steps, taken), clock.item(4)
 
 
 def is_compiled_cache_present() -> bool:

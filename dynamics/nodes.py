@@ -13,7 +13,7 @@ from nebosvod.dynamics.compilation import SUN, inlined_kernel, kernel
 from nebosvod.dynamics.forces import earth_pole
 from nebosvod.dynamics.model import Physics
 from nebosvod.dynamics.relativity import MAJOR, major_fields
-from nebosvod.dynamics.workspace import Memory, Steps, Work, laid_out
+from nebosvod.dynamics.workspace import ACCELERATION, LENGTH, START, VARIATION, Memory, Steps, Work, laid_out
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
@@ -91,8 +91,8 @@ def tabulate_nodes(
 ) -> None:
     """Read the ephemeris at the nodes of all steps of a guide into `nodes` (steps, nodes_width)."""
     w = laid_out(m, layout.shape[0])
-    for k in range(guide.start.shape[0]):
-        read_ephemeris(n, guide.start[k], guide.length[k], w, p, coefficients, layout, timing)
+    for k in range(guide.rows.shape[0]):
+        read_ephemeris(n, guide.rows[k, START], guide.rows[k, LENGTH], w, p, coefficients, layout, timing)
         keep_nodes(w, nodes[k])
 
 
@@ -100,11 +100,12 @@ def tabulate_nodes(
 def follow_guide(n: int, w: Work, p: Physics, guide: Steps, nodes: Array, k: int) -> float:
     """Set up step k of a guide: bodies at its nodes, its accelerations as the first guess; returns its length."""
     for i in range(8):
-        w.t[i] = guide.start[k] + guide.length[k] * NODES[i]
+        w.t[i] = guide.rows[k, START] + guide.rows[k, LENGTH] * NODES[i]
     recall_nodes(n, w, nodes[k], p.relativity == 2)
     for i in range(3 * n):
-        w.known[i] = guide.acceleration[k, i]
-    if guide.variation_acceleration.shape[1] == w.D.shape[0]:
-        for i in range(w.D.shape[0]):
-            w.D_known[i] = guide.variation_acceleration[k, i]
-    return float(guide.length[k])
+        w.known[i] = guide.rows[k, ACCELERATION + i]
+    width = w.D.shape[0]
+    if guide.rows.shape[1] == VARIATION + width // 4 + width:
+        for i in range(width):
+            w.D_known[i] = guide.rows[k, VARIATION + width // 4 + i]
+    return float(guide.rows[k, LENGTH])

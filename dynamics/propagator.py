@@ -8,13 +8,13 @@ import numpy.typing as npt
 
 from nebosvod.borders.quantities import bordered
 from nebosvod.dynamics import integrator
-from nebosvod.dynamics.collision import require_no_impact, require_start_above
+from nebosvod.dynamics.collision import IMPACT_TIDE, require_no_impact, require_start_above
 from nebosvod.dynamics.constants import SPEED_OF_LIGHT_KM_S
 from nebosvod.dynamics.dense import join
 from nebosvod.dynamics.ephemeris import BEYOND_S
 from nebosvod.dynamics.model import ForceModel, Physics, arc_of
 from nebosvod.dynamics.trajectory import Trajectory, make_trajectory
-from nebosvod.dynamics.workspace import NO_NODES, NO_SAMPLES, NO_STEPS, Steps
+from nebosvod.dynamics.workspace import LENGTH, NO_NODES, NO_SAMPLES, NO_STEPS, TIDE, Steps
 from nebosvod.errors import EventError, InputError, StepLimitError
 from nebosvod.timescale import Epoch
 
@@ -95,18 +95,18 @@ def propagate(
         columns = columns[:0]
     guides = _guides(grid, epoch, (low, high), forces, physics)
     legs: list[Steps | None] = [None, None]
-    left = most_steps
+    left, deepest = most_steps, 0.0
     for leg, end_s in ((1, high), (0, low)) if ahead else ((0, low), (1, high)):
         if end_s != 0.0 and not (leg == 0 and ahead and _reaches_back(legs[1], low)):
             fixed = (
                 8, barycentric, physics.strength[None], end_s, window.coefficients, window.layout, window.timing,
                 physics, columns, sensitivities, float(tolerance),
             )  # fmt: skip
-            status, steps = integrator.integrate(*fixed, *guides[leg], NO_SAMPLES, left)
+            status, steps, tide = integrator.integrate(*fixed, *guides[leg], NO_SAMPLES, left)
             if status == integrator.OFF_GRID:
                 guides = NO_GUIDES
-                status, steps = integrator.integrate(*fixed, *guides[leg], NO_SAMPLES, left)
-            legs[leg], left = steps, left - len(steps.start)
+                status, steps, tide = integrator.integrate(*fixed, *guides[leg], NO_SAMPLES, left)
+            legs[leg], left, deepest = steps, left - len(steps.rows), max(deepest, tide)
             itself = _perturber_itself(forces, steps, barycentric[0], epoch)
             if itself is not None:
                 without = dataclasses.replace(forces, excluded=(*forces.excluded, itself))
@@ -115,14 +115,14 @@ def propagate(
                     solid=solid, most_steps=most_steps,
                 )  # fmt: skip
             if status != integrator.OK:
-                if len(steps.start) and solid:
+                if len(steps.rows) and solid:
                     stub = join(legs[0], legs[1], window, 6 + len(columns) if sensitivities else 0, low)
                     require_no_impact(make_trajectory(epoch, np.zeros(1), forces, stub, chain, False), stub.steps.tide)
                 raise _unfinished(status, forces, epoch, steps, end_s, barycentric[0, :3], tolerance, most_steps)
     nodes = grid._table.nodes if grid is not None and guides is not NO_GUIDES else None
     table = join(legs[0], legs[1], window, 6 + len(columns) if sensitivities else 0, low, nodes)
     trajectory = make_trajectory(epoch, times, forces, table, chain, sensitivities)
-    if solid:
+    if solid and deepest > IMPACT_TIDE:
         require_no_impact(trajectory, table.steps.tide)
     return trajectory
 
@@ -145,14 +145,14 @@ def _light_time(start: Array, low_s: float, gm_sun: float) -> float:
 
 def _reaches_back(forward: Steps | None, low_s: float) -> bool:
     """Whether the first forward step reaches back over the margin: its polynomial is good to 0.1 mm just outside."""
-    return forward is not None and len(forward.start) > 0 and forward.length.item(0) >= SLIGHTLY * -low_s
+    return forward is not None and len(forward.rows) > 0 and forward.rows.item(0, LENGTH) >= SLIGHTLY * -low_s
 
 
 def _guides(
     grid: Trajectory | None, epoch: Epoch, span: tuple[float, float], forces: ForceModel, physics: Physics
 ) -> tuple[tuple[Steps, Array], ...]:
     """Steps and nodes of both legs of `grid`, or none where they do not fit the span or the bodies."""
-    if grid is None or grid.epoch != epoch or grid.span_s != span or len(grid._table.steps.start) > MOST_GUIDED:
+    if grid is None or grid.epoch != epoch or grid.span_s != span or len(grid._table.steps.rows) > MOST_GUIDED:
         return NO_GUIDES
     theirs = grid.forces
     same_bodies = theirs.ephemeris is forces.ephemeris and np.array_equal(theirs.physics(epoch).gm, physics.gm)
@@ -163,7 +163,7 @@ def _guides(
 
 def _perturber_itself(forces: ForceModel, steps: Steps, barycentric: Array, epoch: Epoch) -> str | None:
     """The asteroid whose own orbit this is. Looked up only after a first step in a strong tide, for it costs 0.1 ms."""
-    if len(steps.start) and steps.tide[0] < OWN_TIDE:
+    if len(steps.rows) and steps.rows.item(0, TIDE) < OWN_TIDE:
         return None
     return forces.perturber_at(barycentric[:3], epoch)
 
@@ -187,9 +187,9 @@ def _unfinished(
 ) -> EventError:  # fmt: skip
     """The error for an integration that could not go on: at a singularity, or after too many steps."""
     t, reached = 0.0, 0.0
-    if len(steps.start):
-        t, position_km = steps.start.item(-1), steps.state[-1, :3]
-        reached = t + steps.length.item(-1)
+    if len(steps.rows):
+        t, position_km = float(steps.start[-1]), steps.state[-1, :3]
+        reached = t + float(steps.length[-1])
     gaps = {b: np.linalg.norm(position_km - forces.ephemeris.position_km(b, epoch, t)[0]) for b in forces.bodies}
     body = min(gaps, key=lambda name: gaps[name])
     where = f"{gaps[body]:.0f} km from the centre of {body}"

@@ -18,7 +18,7 @@ Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
 
 ROW, BLOCK, LINE = 3 * LANES, MOST_ORDERS * LANES, 8  # numbers in a row (x, y, z), in a block, in a cache line
-ROWS, BLOCKS, WIDE = 23, 8, 5  # how many of each `laid_out` gives names to, beside the bodies
+ROWS, BLOCKS, WIDE = 24, 8, 5  # how many of each `laid_out` gives names to, beside the bodies
 
 
 class Memory(NamedTuple):
@@ -58,6 +58,7 @@ class Work(NamedTuple):
     bend: Array  # (8,) largest GM/r^4 of the bodies but the Sun
     X0: Array  # (24,) where the field of the bodies but the Sun was expanded (see expansion.py)
     R0: Array  # (24,) that field there
+    small: Array  # (24,) the small forces at the nodes (see stages.add_small_forces)
     change: Array  # (24,) largest change, size and shift of each lane in a sweep
     before: Array  # (24,) accelerations of the last step, less those of the guide
     known: Array  # (24,) accelerations of the guide in this step; zero without one
@@ -122,22 +123,45 @@ def laid_out(m: Memory, bodies: int) -> Work:
     r, b, c, w = m.rows, m.moving, m.blocks, m.wide
     return Work(
         r[0], r[1], r[2], r[3], r[4], r[5], r[6], r[7], r[8], r[9], r[10], r[11], r[12], r[13], r[14], r[15], r[16],
-        r[17], r[18], r[19], r[20], b[:bodies], b[bodies : bodies + MAJOR],
+        r[17], r[18], r[19], r[20], r[21], b[:bodies], b[bodies : bodies + MAJOR],
         b[bodies + MAJOR : bodies + 2 * MAJOR], b[bodies + 2 * MAJOR :], c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7],
-        w[0], w[1], w[2], w[3], w[4], r[21], r[22],
+        w[0], w[1], w[2], w[3], w[4], r[22], r[23],
     )  # fmt: skip
 
 
-class Steps(NamedTuple):
-    """All accepted steps: with the nodal accelerations they are the dense output."""
+# Where a row of the table of steps holds what
+START, LENGTH, TIDE, STATE, ACCELERATION, VARIATION = 0, 1, 2, 3, 9, 33
 
-    start: Array  # (n,) seconds after the epoch
-    length: Array  # (n,) signed
-    state: Array  # (n, 6) barycentric at the start
-    acceleration: Array  # (n, 24)
-    variation: Array  # (n, 6 * columns) position parts of all columns, then velocity parts
-    variation_acceleration: Array  # (n, 24 * columns)
-    tide: Array  # (n,) largest GM/r^3 met in the step, s^-2
+
+class Steps(NamedTuple):
+    """All accepted steps: with the nodal accelerations they are the dense output.
+
+    One table and not seven arrays, each of which costs a quarter of a microsecond wherever steps are made, cut or
+    handed to a kernel. A row: start, length, tide, state (6), accelerations (24), then of the variations position parts
+    of all columns, velocity parts (together 6 * columns) and accelerations (24 * columns).
+    """
+
+    rows: Array  # (n, 33 + 30 * columns)
+
+    @property
+    def start(self) -> Array:
+        """Seconds after the epoch, shape (n,)."""
+        return self.rows[:, START]
+
+    @property
+    def length(self) -> Array:
+        """Seconds, signed, shape (n,)."""
+        return self.rows[:, LENGTH]
+
+    @property
+    def tide(self) -> Array:
+        """Largest GM/r^3 met in each step, shape (n,), s^-2."""
+        return self.rows[:, TIDE]
+
+    @property
+    def state(self) -> Array:
+        """Barycentric states at the starts, shape (n, 6), km, km/s."""
+        return self.rows[:, STATE:ACCELERATION]
 
 
 class Watch(NamedTuple):
@@ -168,23 +192,19 @@ class Samples(NamedTuple):
 
 def make_steps(capacity: int, columns: int) -> Steps:
     """Room for `capacity` steps."""
-    return Steps(
-        np.empty(capacity), np.empty(capacity), np.empty((capacity, 6)), np.empty((capacity, 24)),
-        np.empty((capacity, 6 * columns)), np.empty((capacity, 24 * columns)), np.empty(capacity),
-    )  # fmt: skip
+    return Steps(np.empty((capacity, VARIATION + 30 * columns)))
 
 
 def first_steps(steps: Steps, count: int) -> Steps:
     """The first `count` steps."""
-    return Steps(*(field[:count] for field in steps))
+    return Steps(steps.rows[:count])
 
 
 def enlarged(steps: Steps, columns: int, most: int) -> Steps:
     """Room for twice as many steps, but not for more than `most`, with those there are."""
-    count = len(steps.start)
+    count = len(steps.rows)
     new = make_steps(min(2 * count, most), columns)
-    for field, old in zip(new, steps):
-        field[:count] = old
+    new.rows[:count] = steps.rows
     return new
 
 
