@@ -235,7 +235,8 @@ def solve_state(n: int, w: Work, p: Physics, h: float) -> tuple[bool, float, flo
         noise = largest(w.tide) * 8.0 * EPSILON * blur / size
         if change < EPSILON + noise or (change < 1e-13 + noise and change > 0.3 * last):
             return True, noise, size
-        if sweep > 0 and change * change / last < 1e-16:  # the next change, by the contraction seen
+        # The next change, by the contraction seen. It moves velocities by a tenth of that: less than they are rounded
+        if sweep > 0 and change * change / last < 1e-15:
             return True, noise, size
         if sweep > 1 and change > 0.5 * last and change > 1e-9:
             return False, noise, size
