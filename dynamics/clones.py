@@ -25,7 +25,7 @@ from nebosvod.dynamics.constants import DAY_S, RADIUS_KM
 from nebosvod.dynamics.dense import StepTable, step_of, step_weights
 from nebosvod.dynamics.fates import Fates, arrival_of, passage, passages, window_of
 from nebosvod.dynamics.flock import Flyer
-from nebosvod.dynamics.model import ForceModel
+from nebosvod.dynamics.model import Arc, ForceModel
 from nebosvod.dynamics.nongrav import PARAMETERS
 from nebosvod.dynamics.propagator import TOLERANCE, propagate
 from nebosvod.dynamics.surface import SURFACE_KM
@@ -238,7 +238,7 @@ class _Cloud:
         """
         nominal, epoch = self.nominal, self.nominal.epoch
         table, physics = nominal._table, nominal.forces.physics(epoch)
-        order, window = _order(table, t_s), table.window
+        order, arc = _order(table, t_s), Arc(*nominal.span_s, table.window, self.sun, physics)
         sun = nominal.forces.ephemeris.state_km_km_s("sun", epoch, t_s)
         state, tide = np.full((len(which), len(t_s), 6), np.nan), np.zeros(len(which))
         guides, ends = table.guides(physics), nominal.span_s
@@ -255,9 +255,8 @@ class _Cloud:
                     own = np.zeros(some.stop - some.start)
                     samples = Samples(chosen, order.step, order.weights, sun, state[some], own, NO_WATCH)
                     integrator.integrate(
-                        8, self.starts[which[some]] + self.sun, self.strengths[which[some]], end_s,
-                        window.coefficients, window.layout, window.timing, physics, NO_COLUMNS, False, self.tolerance,
-                        *guides[leg], samples,
+                        arc, self.starts[which[some]], self.strengths[which[some]], end_s, NO_COLUMNS, False,
+                        self.tolerance, *guides[leg], samples,
                     )  # fmt: skip
                     tide[some] = np.maximum(tide[some], own)
 

@@ -41,16 +41,18 @@ def fates_of_each(
     CoverageError
         If the end is outside the ephemeris.
     """
-    _, _, window, sun, physics = arc_of(forces, epoch, min(end_s, 0.0), max(end_s, 0.0), 0.0)
-    arc = (window.coefficients, window.layout, window.timing, physics, NO_COLUMNS, False, tolerance, *NO_GUIDES[0])
+    arc = arc_of(forces, epoch, min(end_s, 0.0), max(end_s, 0.0), 0.0)
     rows, count = [], len(states_km_km_s)
     room = np.empty((ROOM, RECORD))
-    begun = np.sum((states_km_km_s[:, :3] + sun[:3] - forces.ephemeris.position_km(body, epoch, 0.0)[0]) ** 2, axis=1)
-    for k, start in enumerate(states_km_km_s + sun):
+    there = forces.ephemeris.position_km(body, epoch, 0.0)[0] - arc.sun[:3]
+    begun, strengths = np.sum((states_km_km_s[:, :3] - there) ** 2, axis=1), arc.physics.strength[None]
+    for k, start in enumerate(states_km_km_s):
         while True:
             watch = _watch(forces.bodies, body, within_km, begun[k], room)
             samples = Samples(*NO_SAMPLES[:4], np.empty((1, 0, 6)), np.zeros(1), watch)
-            integrator.integrate(8, start[None], physics.strength[None], end_s, *arc, samples)
+            integrator.integrate(
+                arc, start[None], strengths, end_s, NO_COLUMNS, False, tolerance, *NO_GUIDES[0], samples
+            )  # fmt: skip
             written = int(watch.written[0])
             if written <= len(room):
                 break

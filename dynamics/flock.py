@@ -15,7 +15,7 @@ import numpy.typing as npt
 from nebosvod.dynamics import integrator
 from nebosvod.dynamics.constants import DAY_S
 from nebosvod.dynamics.dense import StepTable, step_of, step_weights
-from nebosvod.dynamics.model import ForceModel
+from nebosvod.dynamics.model import Arc, ForceModel
 from nebosvod.dynamics.passages import Records, Seen, descents, gates, nearest
 from nebosvod.dynamics.propagator import propagate
 from nebosvod.dynamics.surface import SURFACE_KM
@@ -207,7 +207,7 @@ class Flyer:
     def _flown(self, flock: Flock, led: Trajectory, epoch: Epoch, room: int) -> Watch:
         """Fly members on a leader's steps: what was seen, and where each had to leave."""
         table, physics = led._table, led.forces.physics(epoch)
-        window, leg = table.window, 1 if self.end_s > 0.0 else 0
+        leg = 1 if self.end_s > 0.0 else 0
         last = led.span_s[leg]
         count = len(flock.members)
         wanted = self.times - flock.t_s
@@ -218,9 +218,9 @@ class Flyer:
         states = np.full((count, len(within), 6), np.nan)
         order = np.argsort(step, kind="stable")
         samples = Samples(order, step, weights, sun, states, np.zeros(count), watch)
+        arc = Arc(*led.span_s, table.window, led.forces.ephemeris.sun_at(epoch), physics)
         integrator.integrate(
-            8, flock.states + led.forces.ephemeris.sun_at(epoch), self.strengths[flock.members], last,
-            window.coefficients, window.layout, window.timing, physics, NO_COLUMNS, False, self.tolerance,
+            arc, flock.states, self.strengths[flock.members], last, NO_COLUMNS, False, self.tolerance,
             *table.guides(physics)[leg], samples,
         )  # fmt: skip
         sampled, got = self.flight.state[np.ix_(flock.members, within)], np.isfinite(states[:, :, 0])

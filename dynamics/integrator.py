@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from nebosvod.dynamics.collocation import LAST_ROW, STEP_WEIGHTS
-from nebosvod.dynamics.compilation import STATE_ROWS, inlined_kernel, is_compiled, kernel, straight
-from nebosvod.dynamics.model import Physics
+from nebosvod.dynamics.compilation import LANES, STATE_ROWS, inlined_kernel, is_compiled, kernel, straight
+from nebosvod.dynamics.model import Arc, Physics
 from nebosvod.dynamics.nodes import follow_guide, read_ephemeris
 from nebosvod.dynamics.stages import (
     extrapolation,
@@ -45,7 +45,8 @@ from nebosvod.dynamics.workspace import (
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
 
-OK, STALLED, TOO_MANY_STEPS, OFF_GRID, FULL = 0, 1, 2, 3, 4
+OK, STALLED, TOO_MANY_STEPS, OFF_GRID, FULL, LOW = 0, 1, 2, 3, 4, 5
+FIRST_PART = 0.15  # of the free-fall time, at a tolerance of 1e-11: a first step that is seldom in vain
 LARGEST_STEP_S = 20.0 * 86400.0  # the Moon goes round in 27 days; seen by longer steps, it would be another Moon
 SMALLEST_STEP_S = 1e-3
 # By how much the error of a step may exceed the tolerance; on a grid, chosen for another orbit, by more
@@ -93,13 +94,13 @@ def last_coefficient(A: Array) -> float:
 
 
 @inlined_kernel
-def first_step(w: Work, p: Physics, tolerance: float) -> float:
-    """An eighth of the shortest free-fall time to any body, w.P being the bodies at the start: seldom in vain."""
+def shortest_fall(w: Work, p: Physics) -> float:
+    """The shortest free-fall time to any body, (r^3/GM)^(1/2), w.P being the bodies at the start."""
     shortest = 1e300
     for b in range(p.gm.shape[0]):
         r2 = (w.x[0] - w.P[b, 0]) ** 2 + (w.x[1] - w.P[b, 8]) ** 2 + (w.x[2] - w.P[b, 16]) ** 2
         shortest = min(shortest, np.sqrt(r2 * np.sqrt(r2) / p.gm[b]))
-    return float(min(LARGEST_STEP_S, 0.12 * shortest * (tolerance / 1e-11) ** (1.0 / 7.0)))
+    return float(shortest)
 
 
 @inlined_kernel
@@ -180,11 +181,13 @@ def march(
     physics: tuple[Any, ...], columns: Integers, variations: bool, tolerance: float, guide: Steps, nodes: Array,
     samples: Samples, m: Memory, clock: Array, steps: Steps,
 ) -> int:  # fmt: skip
-    """Go on from where `clock` (5,) stands: time, length of the next step and of the last one, steps taken, and
-    the largest tide met in them.
+    """Go on from where `clock` (6,) stands: time, length of the next step and of the last one, steps taken, the
+    largest tide met in them, and the free-fall time below which an orbit of its own is not begun.
 
-    The arguments are those of `integrate`; `orbits` (k, 36) holds what is known of each, `m` what lasts of a step, and
-    `steps` what has been taken. Returns a status, FULL when there is no more room for steps.
+    n is the number of lanes, 8: a run-time number on purpose, for a constant is unrolled before it can be vectorised.
+    The other arguments are those of `integrate`, `arc` in its parts; `orbits` (k, 36) holds what is known of each, `m`
+    what lasts of a step, and `steps` what has been taken.
+    Returns a status, FULL when there is no more room for steps.
     """
     p = Physics(*physics)  # handed over as a bare tuple, which costs 2 us less
     w, sampled, guided = laid_out(m, layout.shape[0]), samples.tide.shape[0] > 0, guide.rows.shape[0] > 0
@@ -209,7 +212,11 @@ def march(
             h = t_next - t
             read_ephemeris(n, t, h, w, p, coefficients, layout, timing)
             if first:  # how long it may be, the bodies tell
-                h = sign * first_step(w, p, tolerance)
+                fall = shortest_fall(w, p)
+                if fall < clock[5]:
+                    status = LOW
+                    break
+                h = sign * min(LARGEST_STEP_S, FIRST_PART * fall * (tolerance / 1e-11) ** (1.0 / 7.0))
                 continue
         extrapolation(n, h, h_before, w.extrapolation)
         for o in range(orbits.shape[0]):  # orbits inside steps: the bodies of a step are fetched once for all
@@ -250,20 +257,17 @@ def march(
 
 
 def integrate(
-    n: int, starts: Array, strengths: Array, end_s: float, coefficients: Array, layout: Integers, timing: Array,
-    p: Physics, columns: Integers, variations: bool, tolerance: float, guide: Steps, nodes: Array, samples: Samples,
-    most: int = MOST_STEPS,
+    arc: Arc, starts: Array, strengths: Array, end_s: float, columns: Integers, variations: bool, tolerance: float,
+    guide: Steps, nodes: Array, samples: Samples, most: int = MOST_STEPS, least_fall_s: float = 0.0,
 ) -> tuple[int, Steps, float]:  # fmt: skip
     """Integrate one orbit, or many on the grid of a guide, from t = 0 to end_s (either sign).
 
     Parameters
     ----------
-    n : number of lanes, 8. A run-time number on purpose: a constant is unrolled before it can be vectorised.
-    starts : shape (k, 6), barycentric position and velocity at t = 0, km, km/s.
+    arc : the ephemeris over it, the Sun at t = 0, the forces.
+    starts : shape (k, 6), heliocentric position and velocity at t = 0, km, km/s.
     strengths : shape (k, 4), of radiation pressure, A1, A2 and A3, as in `Physics.strength`.
     end_s : TDB seconds after the epoch.
-    coefficients, layout, timing : the ephemeris window.
-    p : the forces.
     columns, variations : which of kappa, A1, A2, A3 (q,) are integrated; whether they and Phi are at all.
     tolerance : limit of the last Legendre coefficient of the acceleration, relative.
     guide, nodes : steps of a near orbit over the same span and the ephemeris at their nodes: the orbits take the same
@@ -271,20 +275,23 @@ def integrate(
     samples : where to evaluate many orbits, which needs a guide and brings no steps and no variations; empty for one
         orbit, of which the steps are wanted. With neither guide nor times one orbit is watched on steps of its own.
     most : how many steps of one orbit there may be, up to MOST_STEPS; each keeps 0.3 to 3 kB.
+    least_fall_s : no step is made, without a guide, where the free-fall time to a body is shorter at the start.
 
-    Returns a status (OK, STALLED, TOO_MANY_STEPS, or OFF_GRID if the guide's steps do not suit), the accepted steps and
-    the largest GM/r^3 met in them, s^-2.
+    Returns a status (OK, STALLED, TOO_MANY_STEPS, OFF_GRID if the guide's steps do not suit, or LOW if none was made),
+    the accepted steps and the largest GM/r^3 met in them, s^-2.
     """
     count = 6 + len(columns) if variations else 0
-    lasting, clock, orbits = memory(len(layout), count), np.zeros(5), np.zeros((len(starts), 36))
-    orbits[:, :6] = starts
+    window = arc.window
+    lasting, clock, orbits = memory(len(window.layout), count), np.zeros(6), np.zeros((len(starts), 36))
+    np.add(starts, arc.sun, out=orbits[:, :6])
+    clock[5] = least_fall_s
     expected = len(guide.rows) or min(int(abs(end_s) / USUAL_STEP_S) + 16, most)
     steps, status = make_steps(0 if len(samples.tide) else expected, count), FULL
-    forces, one = tuple(p), not len(guide.rows) and not len(samples.tide)
+    forces, one = tuple(arc.physics), not len(guide.rows) and not len(samples.tide)
     while status == FULL:
         status = (straight(march) if one else march)(
-            n, orbits, strengths, end_s, coefficients, layout, timing, forces, columns, variations, tolerance, guide,
-            nodes, samples, lasting, clock, steps,
+            LANES, orbits, strengths, end_s, window.coefficients, window.layout, window.timing, forces, columns,
+            variations, tolerance, guide, nodes, samples, lasting, clock, steps,
         )  # fmt: skip
         if status == FULL and len(steps.rows) >= most:
             status = TOO_MANY_STEPS

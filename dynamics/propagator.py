@@ -24,6 +24,7 @@ NO_GUIDES = ((NO_STEPS, NO_NODES),) * 2
 SLIGHTLY = 8.0  # a margin of so small a part of a step is the step's own
 MOST_GUIDED = 5000  # steps that others may follow, for which 8 kB of ephemeris are kept each: two centuries
 AMPLE = 1.05  # of the light time from the Sun: the observer and the barycentre are elsewhere
+LEAST_FALL_S = IMPACT_TIDE**-0.5  # free-fall time at the surface of every body
 MOST_DOUBLED = 10  # of a margin: 44,000 au
 OWN_TIDE = 1e-10  # s^-2: GM/r^3 at ten radii of an asteroid of 0.4 g/cm^3
 
@@ -86,10 +87,9 @@ def propagate(
     ahead = low >= 0.0  # before the epoch nothing but the margin
     gm_sun = forces.ephemeris.gm_km3_s2["sun"]
     margin = _light_time(start, min(0.0, low), gm_sun) if margin_s is None else margin_s
-    low, high, window, sun, physics = arc_of(forces, epoch, min(0.0, low), max(0.0, high), margin)
-    barycentric = start[None] + sun
-    if solid:
-        require_start_above(start, epoch, forces)
+    arc = arc_of(forces, epoch, min(0.0, low), max(0.0, high), margin)
+    low, high, window, sun, physics = arc
+    least_fall_s = LEAST_FALL_S if solid else 0.0
     columns, chain = forces.columns()
     if not sensitivities:
         columns = columns[:0]
@@ -98,16 +98,18 @@ def propagate(
     left, deepest = most_steps, 0.0
     for leg, end_s in ((1, high), (0, low)) if ahead else ((0, low), (1, high)):
         if end_s != 0.0 and not (leg == 0 and ahead and _reaches_back(legs[1], low)):
-            fixed = (
-                8, barycentric, physics.strength[None], end_s, window.coefficients, window.layout, window.timing,
-                physics, columns, sensitivities, float(tolerance),
-            )  # fmt: skip
-            status, steps, tide = integrator.integrate(*fixed, *guides[leg], NO_SAMPLES, left)
-            if status == integrator.OFF_GRID:
-                guides = NO_GUIDES
-                status, steps, tide = integrator.integrate(*fixed, *guides[leg], NO_SAMPLES, left)
+            fixed = (arc, start[None], physics.strength[None], end_s, columns, sensitivities, float(tolerance))
+            while True:
+                status, steps, tide = integrator.integrate(*fixed, *guides[leg], NO_SAMPLES, left, least_fall_s)
+                if status == integrator.LOW:
+                    require_start_above(start, epoch, forces)
+                    least_fall_s = 0.0
+                elif status == integrator.OFF_GRID:
+                    guides = NO_GUIDES
+                else:
+                    break
             legs[leg], left, deepest = steps, left - len(steps.rows), max(deepest, tide)
-            itself = _perturber_itself(forces, steps, barycentric[0], epoch)
+            itself = _perturber_itself(forces, steps, start, sun, epoch)
             if itself is not None:
                 without = dataclasses.replace(forces, excluded=(*forces.excluded, itself))
                 return propagate(
@@ -118,7 +120,7 @@ def propagate(
                 if len(steps.rows) and solid:
                     stub = join(legs[0], legs[1], window, 6 + len(columns) if sensitivities else 0, low)
                     require_no_impact(make_trajectory(epoch, np.zeros(1), forces, stub, chain, False), stub.steps.tide)
-                raise _unfinished(status, forces, epoch, steps, end_s, barycentric[0, :3], tolerance, most_steps)
+                raise _unfinished(status, forces, epoch, steps, end_s, (start + sun)[:3], tolerance, most_steps)
     nodes = grid._table.nodes if grid is not None and guides is not NO_GUIDES else None
     table = join(legs[0], legs[1], window, 6 + len(columns) if sensitivities else 0, low, nodes)
     trajectory = make_trajectory(epoch, times, forces, table, chain, sensitivities)
@@ -161,11 +163,11 @@ def _guides(
     return grid._table.guides(physics)
 
 
-def _perturber_itself(forces: ForceModel, steps: Steps, barycentric: Array, epoch: Epoch) -> str | None:
+def _perturber_itself(forces: ForceModel, steps: Steps, start: Array, sun: Array, epoch: Epoch) -> str | None:
     """The asteroid whose own orbit this is. Looked up only after a first step in a strong tide, for it costs 0.1 ms."""
     if len(steps.rows) and steps.rows.item(0, TIDE) < OWN_TIDE:
         return None
-    return forces.perturber_at(barycentric[:3], epoch)
+    return forces.perturber_at((start + sun)[:3], epoch)
 
 
 def _checked(state_km_km_s: npt.ArrayLike, t_s: npt.ArrayLike) -> tuple[Array, Array, float, float]:

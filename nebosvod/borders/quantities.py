@@ -62,7 +62,7 @@ def bordered(**units: str) -> Callable[[F], F]:
         @wraps(function)
         def entered(*args: Any, **kwargs: Any) -> Any:
             for value in (*args, *kwargs.values()):
-                if type(value) not in HARMLESS and not _harmless(type(value)) and not plain(value):
+                if type(value) not in HARMLESS and not plain(value) and not _harmless(type(value)):
                     break
             else:
                 for k in epochs:
@@ -178,7 +178,7 @@ def _harmless(kind: type) -> bool:
 
 def _plain(value: Any) -> bool:
     """Whether it is a list or tuple of values that need no look, as times of a span are."""
-    return type(value) in (list, tuple) and all(type(one) in HARMLESS for one in value)
+    return type(value) in (list, tuple) and HARMLESS.issuperset(map(type, value))
 
 
 def _never(value: Any) -> bool:
