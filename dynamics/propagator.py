@@ -174,11 +174,11 @@ def _checked(state_km_km_s: npt.ArrayLike, t_s: npt.ArrayLike) -> tuple[Array, A
     """State (6,), times (n,) as a new array, first and last of them; refused if they cannot be used."""
     start = np.asarray(state_km_km_s, dtype=np.float64)
     times = np.array(t_s, dtype=np.float64, ndmin=1, order="C")
-    if start.shape != (6,) or not all(map(math.isfinite, start.tolist())):
+    if start.shape != (6,) or not math.isfinite(sum(map(abs, start.tolist()))):
         raise InputError(f"state: needs six finite numbers (km, km/s), got {start}")
     if times.ndim == 1 and len(times):
         low, high = (float(times.min()), float(times.max())) if len(times) > 1 else (times.item(),) * 2
-        if math.isfinite(low) and math.isfinite(high):
+        if math.isfinite(high - low):
             return start, times, low, high
     raise InputError(f"times: need shape (n,) with n > 0 and finite seconds, got shape {times.shape}")
 

@@ -15,7 +15,7 @@ from nebosvod.timescale import Epoch
 Array = npt.NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Trajectory:
     """An integrated orbit.
 
@@ -152,15 +152,7 @@ def make_trajectory(
     epoch: Epoch, t_s: Array, forces: ForceModel, table: StepTable, chain: Array, sensitivities: bool
 ) -> Trajectory:
     """A table of steps at `t_s` (n,) inside it, wrapped up; `chain` (q, m) maps columns of the kernel to parameters."""
-    return Trajectory(
-        epoch=epoch,
-        t_s=t_s,
-        sensitivities=sensitivities,
-        parameter_names=forces.parameters if sensitivities else (),
-        forces=forces,
-        _table=table,
-        _chain=chain,
-    )
+    return Trajectory(epoch, t_s, forces.parameters if sensitivities else (), forces, sensitivities, table, chain)
 
 
 def _inside(t_s: npt.ArrayLike, table: StepTable) -> Array:
