@@ -94,13 +94,14 @@ def last_coefficient(A: Array) -> float:
 
 
 @inlined_kernel
-def shortest_fall(w: Work, p: Physics) -> float:
-    """The shortest free-fall time to any body, (r^3/GM)^(1/2), w.P being the bodies at the start."""
+def first_step(w: Work, p: Physics, tolerance: float, least_fall_s: float) -> float:
+    """Part of the shortest free-fall time to any body, w.P being the bodies at the start; 0 where that is too short."""
     shortest = 1e300
     for b in range(p.gm.shape[0]):
         r2 = (w.x[0] - w.P[b, 0]) ** 2 + (w.x[1] - w.P[b, 8]) ** 2 + (w.x[2] - w.P[b, 16]) ** 2
         shortest = min(shortest, np.sqrt(r2 * np.sqrt(r2) / p.gm[b]))
-    return float(shortest)
+    part = FIRST_PART * (tolerance / 1e-11) ** (1.0 / 7.0)
+    return 0.0 if shortest < least_fall_s else float(min(LARGEST_STEP_S, part * shortest))
 
 
 @inlined_kernel
@@ -117,10 +118,10 @@ def next_step(h: float, error: float, limit: float) -> float:
 
 
 @inlined_kernel
-def store(n: int, s: Steps, k: int, t: float, h: float, w: Work) -> None:
-    """Write step k."""
-    row = s.rows[k]
-    row[START], row[LENGTH], row[TIDE] = t, h, largest(w.tide)
+def store(n: int, s: Steps, k: int, t: float, h: float, w: Work) -> float:
+    """Write step k; returns the largest tide in it."""
+    row, tide = s.rows[k], largest(w.tide)
+    row[START], row[LENGTH], row[TIDE] = t, h, tide
     for i in range(3):
         row[STATE + i], row[STATE + 3 + i] = w.x[i], w.v[i]
     for i in range(3 * n):
@@ -130,6 +131,7 @@ def store(n: int, s: Steps, k: int, t: float, h: float, w: Work) -> None:
         row[VARIATION + i], row[VARIATION + rows + i] = w.px[i], w.pv[i]
     for i in range(n * rows):
         row[VARIATION + 2 * rows + i] = w.D[i]
+    return tide
 
 
 @inlined_kernel
@@ -178,8 +180,8 @@ def sample(o: int, taken: int, first: int, w: Work, samples: Samples) -> int:
 @kernel
 def march(
     n: int, orbits: Array, strengths: Array, end_s: float, coefficients: Array, layout: Integers, timing: Array,
-    physics: tuple[Any, ...], columns: Integers, variations: bool, tolerance: float, guide: Steps, nodes: Array,
-    samples: Samples, m: Memory, clock: Array, steps: Steps,
+    physics: tuple[Any, ...], columns: Integers, tolerance: float, guide: Steps, nodes: Array, samples: Samples,
+    m: Memory, clock: Array, steps: Steps,
 ) -> int:  # fmt: skip
     """Go on from where `clock` (6,) stands: time, length of the next step and of the last one, steps taken, the
     largest tide met in them, and the free-fall time below which an orbit of its own is not begun.
@@ -212,11 +214,10 @@ def march(
             h = t_next - t
             read_ephemeris(n, t, h, w, p, coefficients, layout, timing)
             if first:  # how long it may be, the bodies tell
-                fall = shortest_fall(w, p)
-                if fall < clock[5]:
+                h = sign * first_step(w, p, tolerance, clock[5])
+                if h == 0.0:
                     status = LOW
                     break
-                h = sign * min(LARGEST_STEP_S, FIRST_PART * fall * (tolerance / 1e-11) ** (1.0 / 7.0))
                 continue
         extrapolation(n, h, h_before, w.extrapolation)
         for o in range(orbits.shape[0]):  # orbits inside steps: the bodies of a step are fetched once for all
@@ -230,28 +231,24 @@ def march(
                 if sampled and guided:
                     leave(o, LEFT, t, w, samples)
                 continue
-            if variations:
-                solve_variations(n, w, p, columns, h)
+            solve_variations(n, w, p, columns, h)
             if sampled:
                 following, down = sample(o, taken, shown, w, samples), watched(n, o, t, h, w, samples.watch)
             else:
-                store(n, steps, taken, t, h, w)
-                clock[4] = max(clock[4], steps.rows[taken, TIDE])
+                clock[4] = max(clock[4], store(n, steps, taken, t, h, w))
             advance(n, w, h)
             if sampled:
                 put_down(n, w, orbits[o])
-                if down:
-                    leave(o, DOWN, t_next, w, samples)
+            if down:
+                leave(o, DOWN, t_next, w, samples)
         shown = following
         if not (sampled and guided) and (not converged or error > excess * limit):
             if guided:
                 status = OFF_GRID
                 break
-            h = shorter_step(h, error, limit) if converged else 0.4 * h
-            h_before = h_before if converged else 0.0
+            h, h_before = (shorter_step(h, error, limit), h_before) if converged else (0.4 * h, 0.0)
             continue
-        t, h_before, taken = t_next, h, taken + 1
-        h = next_step(h, error, limit)
+        t, h_before, h, taken = t_next, h, next_step(h, error, limit), taken + 1
     clock[0], clock[1], clock[2], clock[3] = t, h, h_before, taken
     return TOO_MANY_STEPS if taken >= MOST_STEPS and sign * (end_s - t) > 0.0 else status
 
@@ -291,7 +288,7 @@ def integrate(
     while status == FULL:
         status = (straight(march) if one else march)(
             LANES, orbits, strengths, end_s, window.coefficients, window.layout, window.timing, forces, columns,
-            variations, tolerance, guide, nodes, samples, lasting, clock, steps,
+            tolerance, guide, nodes, samples, lasting, clock, steps,
         )  # fmt: skip
         if status == FULL and len(steps.rows) >= most:
             status = TOO_MANY_STEPS

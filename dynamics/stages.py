@@ -257,6 +257,8 @@ def variational(n: int, G: Array, K: Array, DX: Array, DV: Array, E: Array) -> N
 @inlined_kernel
 def solve_variations(n: int, w: Work, p: Physics, columns: Integers, h: float) -> None:
     """Iterate the accelerations w.D of all variation columns to round-off, with the Jacobians where the state is."""
+    if w.D.shape[0] == 0:  # the state alone is wanted
+        return
     expanded_jacobian(n, w, p)
     count = 6 + columns.shape[0]
     predict(n, w.extrapolation, w.D_before, w.D_known, 3 * count, w.D)
