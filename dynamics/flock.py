@@ -214,7 +214,7 @@ class Flyer:
         within = _within(wanted, last)
         watch = self._watch(led.forces.bodies, flock.last2, room)
         sun = led.forces.ephemeris.state_km_km_s("sun", epoch, wanted[within])
-        step, weights = _places(table, wanted[within])
+        step, weights = places(table, wanted[within])
         states = np.full((count, len(within), 6), np.nan)
         order = np.argsort(step, kind="stable")
         samples = Samples(order, step, weights, sun, states, np.zeros(count), watch)
@@ -249,7 +249,7 @@ def _within(t_s: Array, last: float) -> Integers:
     return np.flatnonzero((sign * t_s >= 0.0) & (sign * t_s <= sign * last))
 
 
-def _places(table: StepTable, t_s: Array) -> tuple[Integers, Array]:
+def places(table: StepTable, t_s: Array) -> tuple[Integers, Array]:
     """Step (n,) of each time on the one leg there is, as it was integrated, and the weights (n, 17) of its nodes."""
     behind = 0 if table.legs[0] is None else len(table.legs[0].rows)
     step, weights = np.empty(len(t_s), np.int64), np.empty((len(t_s), 17))

@@ -13,6 +13,7 @@ from nebosvod.engine.truth import draw
 from nebosvod.ephemerides.observers import GEOCENTRE, observer
 from nebosvod.errors import InputError, noting
 from nebosvod.first_hour.alert import Alert, Question, alert
+from nebosvod.first_hour.condensed import Few
 from nebosvod.first_hour.decision import decide
 from nebosvod.first_hour.history import history
 from nebosvod.first_hour.observed import prepared, tracklet_of, with_shared, without_gross_errors
@@ -131,7 +132,7 @@ def of_records(records: Astrometry, mission: FitMission, ephemeris: Ephemeris, a
         material = prepared(records, shared, ephemeris)
     with noting(material.notices):
         whole = tracklet_of(material, records, shared)
-        tracklet, kept = without_gross_errors(whole, asked.question.region, shared)
+        tracklet, kept, few = without_gross_errors(whole, asked.question.region, shared)
         who = asked.sites or (_last_observer(material),)
         left = np.setdiff1d(np.arange(len(whole)), kept).tolist()
         rejected = [{
@@ -139,7 +140,7 @@ def of_records(records: Astrometry, mission: FitMission, ephemeris: Ephemeris, a
             "file": str(material.astrometry.path[k]), "line": int(material.astrometry.line[k]),
         } for k in left]  # fmt: skip
         stations = list(dict.fromkeys(material.astrometry.station.tolist()))
-        return _answered(tracklet, who, asked, say, material.notices, rejected, stations)
+        return _answered(tracklet, who, asked, say, material.notices, rejected, stations, few=few)
 
 
 def _last_observer(material: Material) -> Telescope:
@@ -165,10 +166,11 @@ def of_mission(name: str, asked: Asked, say: Say) -> Answered:
 def _answered(
     tracklet: Tracklet, who: Sequence[Telescope], asked: Asked, say: Say, notices: Sequence[str],
     rejected: Sequence[dict[str, Any]], stations: Sequence[str], truth: dict[str, float] | None = None,
+    few: Few | None = None,
 ) -> Answered:  # fmt: skip
     """Everything that was asked of a tracklet."""
     say("laying the grid, flying the drawn orbits")
-    found = alert(tracklet, asked.question, who, asked.after_s)
+    found = alert(tracklet, asked.question, who, asked.after_s, few)
     moments = list(history(tracklet, asked.question, say, MOST_MOMENTS)) if asked.history else []
     decisions = decide(found, who, asked.after_s, say) if asked.decide else []
     summary = summarise(

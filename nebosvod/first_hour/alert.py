@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from nebosvod.dynamics.constants import DAY_S
 from nebosvod.estimation.filters.combined import EquivalentMeasurement, equivalent_measurement
-from nebosvod.first_hour.condensed import condensed
+from nebosvod.first_hour.condensed import Few, condensed
 from nebosvod.first_hour.conditional import Conditional
 from nebosvod.first_hour.corridor import Corridor, corridor
 from nebosvod.first_hour.draws import Draws
@@ -99,13 +99,15 @@ class Alert:
 
 
 def alert(
-    tracklet: Tracklet, question: Question, telescopes: Sequence[Telescope] = (), after_s: Array | None = None
-) -> Alert:
+    tracklet: Tracklet, question: Question, telescopes: Sequence[Telescope] = (), after_s: Array | None = None,
+    few: Few | None = None,
+) -> Alert:  # fmt: skip
     """Answer.
 
     Parameters
     ----------
     telescopes, after_s : who may look, and when, (n,) seconds after the last measurement.
+    few : what stands for the tracklet, where that is known.
 
     Raises
     ------
@@ -113,7 +115,8 @@ def alert(
         If no orbit of the region fits.
     """
     rng = np.random.default_rng(np.random.SeedSequence(question.seed))
-    grid = grid_of(Conditional(condensed(tracklet, question.region)), question.region)
+    few = condensed(tracklet, question.region) if few is None else few
+    grid = grid_of(Conditional(few.tracklet), question.region)
     falls = fall(grid, question.within_d, rng)
     asked = np.empty(0) if after_s is None else float(tracklet.exposures.t_s.max()) + np.asarray(after_s)
     asked = asked[asked < question.within_d * DAY_S]
@@ -127,5 +130,5 @@ def alert(
         moon=chance(grid, falls, HEADLINE, "moon"),
         numbers=numbers(tracklet, falls.draws),
         corridor=corridor(tracklet, falls, rng),
-        fields=fields_of(tracklet, falls.draws, telescopes, asked, rng) if looking else (),
+        fields=fields_of(tracklet, falls, telescopes, asked, rng) if looking else (),
     )

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from nebosvod.first_hour.conditional import RATE, Conditional, Nodes
 from nebosvod.first_hour.quadrature import Quadrature
 from nebosvod.first_hour.region import Region
-from nebosvod.first_hour.sight import lines, together
+from nebosvod.first_hour.sight import Flights, lines
 from nebosvod.first_hour.tangent import angles, directions
 from nebosvod.first_hour.tracklet import Columns, Tracklet
 from nebosvod.observation.measurement.exposures import Exposures
@@ -54,29 +54,56 @@ def searched(conditional: Conditional, region: Region) -> Nodes:
     return conditional.solve(start, 2)
 
 
-def condensed(tracklet: Tracklet, region: Region) -> Tracklet:
-    """A tracklet of few records that says the same of every orbit of a region; the same one where that gains nothing.
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Few:
+    """What stands for a tracklet.
+
+    Attributes
+    ----------
+    tracklet : of few records; the whole one where fewer gain nothing.
+    orbits : the best at ranges over all of the region; None where none were looked for.
+    states : (m, 6) those of orbits that may be, of which directions were compared.
+    """
+
+    tracklet: Tracklet
+    orbits: Nodes | None = None
+    states: Array | None = None
+
+
+def condensed(tracklet: Tracklet, region: Region, before: Few | None = None) -> Few:
+    """A tracklet of few records that says the same of every orbit of a region.
+
+    Parameters
+    ----------
+    before : that of nearly the same records, whose orbits are compared again.
 
     Notes
     -----
     The reference time stays. The directions of orbits that fit are compared with their polynomials at all records, to
     1e-9 rad, and more nodes are taken until they agree.
     """
+    states = None if before is None else before.states
     if len(tracklet) <= FEW:
-        return tracklet
+        return Few(tracklet=tracklet)
     index = tracklet.exposures.telescope_index
     stations = [np.flatnonzero(index == k) for k in np.unique(index)]
     for k in range(len(COUNTS)):
         parts = [part for rows in stations for part in _parts(tracklet, rows, COUNTS[k:])]
         if sum(len(part.observed) for part in parts) > 0.8 * len(tracklet):
-            return tracklet
+            break
         found = _joined(tracklet, parts)
+        if states is not None and not all(_follows(tracklet, part, states) for part in parts):
+            continue
+        if before is not None:
+            return Few(tracklet=found, states=states)
         orbits = searched(Conditional(found), region)
         near = np.isfinite(orbits.chi2) & (orbits.chi2 < orbits.chi2.min() + MAY_BE)
+        if not near.any():
+            continue
         states = Conditional(found).states(orbits.coordinates[near])
-        if near.any() and all(_follows(tracklet, part, states) for part in parts):
-            return found
-    return tracklet
+        if all(_follows(tracklet, part, states) for part in parts):
+            return Few(tracklet=found, orbits=orbits, states=states)
+    return Few(tracklet=tracklet)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -228,8 +255,8 @@ def _follows(tracklet: Tracklet, part: _Part, states: Array) -> bool:
     if part.quadrature is None:
         return True
     exposures = tracklet.exposures.select(part.rows)
-    at_records = _unit(lines(exposures, together(tracklet, states, exposures.t_s)[0])[0])
-    at_nodes = _unit(lines(part.exposures, together(tracklet, states, part.exposures.t_s)[0])[0])
+    at_records = _unit(lines(exposures, Flights(tracklet, exposures.t_s).fly(states))[0])
+    at_nodes = _unit(lines(part.exposures, Flights(tracklet, part.exposures.t_s).fly(states))[0])
     away = np.einsum("rc,mci->mri", part.quadrature.back, at_nodes) - at_records
     return bool(np.abs(away).max() < EXACT_RAD)
 

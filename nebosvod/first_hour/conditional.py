@@ -241,7 +241,7 @@ class Conditional:
         moved = np.repeat(x[:, None], 7, axis=1)
         for j in range(6):
             moved[:, j + 1, j] += steps[:, j]
-        flown = self.sight.fly(self.states(moved.reshape(-1, 6)), np.repeat(rho, 7))
+        flown = self.sight.fly(self.states(moved.reshape(-1, 6)))
         late = displaced = None
         if k and columns.clock.any():
             late = np.repeat(np.einsum("nk,mk->mn", columns.clock, u), 7, axis=0)

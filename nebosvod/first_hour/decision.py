@@ -9,7 +9,7 @@ import numpy.typing as npt
 from nebosvod.errors import GeometryError
 from nebosvod.first_hour.alert import Alert, alert
 from nebosvod.first_hour.candidate import NEW, Candidate
-from nebosvod.first_hour.sight import together
+from nebosvod.first_hour.sight import until
 from nebosvod.impacts.interval import of_count
 from nebosvod.observation import Telescope
 from nebosvod.observation.measurement.exposures import Exposures
@@ -76,7 +76,7 @@ def decide(
     tracklet, p = found.tracklet, found.headline.probability
     rows = rng.choice(len(found.draws), truths, p=found.draws.weight())
     t_s = float(tracklet.exposures.t_s.max()) + after_s
-    flown, _ = together(tracklet, found.draws.states[rows], t_s)
+    flown = until(tracklet, found.draws.states[rows], found.falls.t_s[rows], t_s)
     normal = rng.standard_normal((truths, 2 + NEW))
     decisions = []
     for telescope in telescopes:

@@ -7,9 +7,9 @@ import numpy as np
 import numpy.typing as npt
 
 from nebosvod.first_hour.contour import contours
-from nebosvod.first_hour.draws import Draws
+from nebosvod.first_hour.falls import Falls
 from nebosvod.first_hour.region import SLOPE, magnitudes_of
-from nebosvod.first_hour.sight import lines, together
+from nebosvod.first_hour.sight import lines, until
 from nebosvod.first_hour.tangent import Tangent, angles
 from nebosvod.first_hour.tracklet import Tracklet
 from nebosvod.observation import Telescope
@@ -47,12 +47,13 @@ class Field:
 
 
 def fields_of(
-    tracklet: Tracklet, draws: Draws, telescopes: Sequence[Telescope], t_s: Array, rng: np.random.Generator
+    tracklet: Tracklet, falls: Falls, telescopes: Sequence[Telescope], t_s: Array, rng: np.random.Generator
 ) -> list[Field]:
     """The sky of telescopes at times (n,), s after the reference time; a field for each pair in that order."""
-    w, ephemeris = draws.weight(), tracklet.forces.ephemeris
+    draws, ephemeris = falls.draws, tracklet.forces.ephemeris
+    w = draws.weight()
     rows = rng.choice(len(w), SHOWN, p=w)
-    flown, _ = together(tracklet, draws.states[rows], t_s)
+    flown = until(tracklet, draws.states[rows], falls.t_s[rows], t_s)
     H = magnitudes_of(tracklet, draws.states[rows, :3])
     found = []
     for telescope in telescopes:

@@ -14,8 +14,8 @@ from nebosvod.dynamics import Ephemeris
 from nebosvod.dynamics.impact import follow
 from nebosvod.errors import GeometryError
 from nebosvod.estimation.solvers.rejection import Thresholds
-from nebosvod.first_hour.condensed import condensed, searched
-from nebosvod.first_hour.conditional import RATE, Conditional
+from nebosvod.first_hour.condensed import FEW, Few, condensed, searched
+from nebosvod.first_hour.conditional import RATE, Conditional, Nodes
 from nebosvod.first_hour.region import Region
 from nebosvod.first_hour.tracklet import Columns, Tracklet, middle_of
 from nebosvod.fits.engine import thresholds_of
@@ -37,6 +37,7 @@ Array = npt.NDArray[np.float64]
 Rows = npt.NDArray[np.int64]
 LONGEST_D = 30.0  # arcs on which range and rate are not what is unknown
 HALF_AU = -0.7
+MILD = 36.0  # chi squared of a record that moves the orbit by little, one of many
 BIAS_RAD = 0.2 * ARCSEC  # that a station's records of a night share, where nobody says otherwise
 
 
@@ -121,37 +122,42 @@ def apparent_v(records: Astrometry) -> float | None:
     return float(np.median(values)) if len(values) else None
 
 
-def without_gross_errors(tracklet: Tracklet, region: Region, mission: FitMission) -> tuple[Tracklet, Rows]:
-    """The tracklet without records that no orbit fits, the worst first; and the rows (r,) that were kept.
+def without_gross_errors(tracklet: Tracklet, region: Region, mission: FitMission) -> tuple[Tracklet, Rows, Few | None]:
+    """The tracklet without records that no orbit fits, the worst first; the rows (r,) kept; the few that stand for it.
 
     Notes
     -----
-    Thresholds are those of a fit; a record is judged by its noise, at the best of orbits over all ranges.
+    Thresholds are those of a fit; a record is judged by its noise, at the best of orbits over all ranges. One that was
+    left out by little moves that orbit by little: it is followed from where it was.
     """
     thresholds, kept = thresholds_of(mission), np.arange(len(tracklet))
     if thresholds is None:
-        return tracklet, kept
-    chosen = tracklet
+        return tracklet, kept, None
+    chosen, few, orbit = tracklet, None, None
     while len(kept) > 3:
-        few, every = Conditional(condensed(chosen, region)), Conditional(chosen)
-        best = _best(few, region)
+        few = condensed(chosen, region, None if orbit is None else few)
+        here, every = Conditional(few.tracklet), Conditional(chosen)
+        known = few.orbits if orbit is None else here.solve(here.coordinates(orbit), 2)
+        best = _best(here, region, searched(here, region) if known is None else known)
+        orbit = here.states(best[:, :6])
         # coordinates are from the direction at the reference time, which is not the same where records are condensed
-        chi2 = _each(every, np.hstack([every.coordinates(few.states(best[:, :6])), best[:, 6:]]))
+        chi2 = _each(every, np.hstack([every.coordinates(orbit), best[:, 6:]]))
         worst = int(np.argmax(chi2))
         if not chi2[worst] > _limit(thresholds, len(kept)):
-            break
+            return chosen, kept, few
+        if chi2[worst] > MILD or len(kept) <= FEW:
+            orbit = None
         kept = np.delete(kept, worst)
         chosen = tracklet.select(kept)
-    return chosen, kept
+    return chosen, kept, None
 
 
 def _limit(thresholds: Thresholds, n: int) -> float:
     return thresholds.reject + thresholds.fudge * thresholds.decay**n
 
 
-def _best(conditional: Conditional, region: Region) -> Array:
-    """Coordinates (1, 6) and nuisances of the best orbit, joined (1, 6 + k)."""
-    lines = searched(conditional, region)
+def _best(conditional: Conditional, region: Region, lines: Nodes) -> Array:
+    """Coordinates (1, 6) and nuisances of the best orbit, joined (1, 6 + k), begun at the best of some."""
     found = int(np.argmin(lines.chi2))
     if lines.range_sigma[found] < 0.5:
         full = conditional.solve(lines.coordinates[found : found + 1], 0)

@@ -1,7 +1,7 @@
 """Many orbits of one tracklet at once: what is seen of each, against what was observed.
 
-Orbits that differ in range by ten orders of magnitude fly together: those alike in range share steps, and who fails the
-check of a step goes on in a flock of its own.
+Orbits that differ in range by ten orders of magnitude fly together, on even steps; of those that these do not suit, the
+ones alike in range share steps, and who fails the check of a step goes on in a flock of its own.
 """
 
 from dataclasses import dataclass
@@ -11,13 +11,13 @@ import numpy.typing as npt
 
 from nebosvod.dynamics import propagate_many
 from nebosvod.dynamics.constants import SPEED_OF_LIGHT_KM_S
-from nebosvod.dynamics.fates import Fates
-from nebosvod.dynamics.propagator import TOLERANCE
+from nebosvod.dynamics.even import EvenSteps
 from nebosvod.first_hour.tracklet import Tracklet
 from nebosvod.observation.measurement.exposures import Exposures
 from nebosvod.units import AU_KM
 
 Array = npt.NDArray[np.float64]
+Rows = npt.NDArray[np.int64]
 ALIKE = np.array([1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 1e-1]) * AU_KM  # borders of ranges within which orbits share steps
 LIGHT_TIMES = 4  # corrections; each gains a factor of v/c
 
@@ -40,21 +40,48 @@ class Seen:
     from_earth_km: Array
 
 
-def together(
-    tracklet: Tracklet, states: Array, t_s: Array, tolerance: float = TOLERANCE, body: str | None = None
-) -> tuple[Array, Fates]:
-    """Fly orbits (m, 6) from the reference time: their states (m, n, 6) at times, nan after a hit, and their fates.
+class Flights:
+    """Flights of any orbits from the reference time to the same times."""
 
-    Forward and backward each by itself: so they part into flocks where the Earth tears them apart.
+    def __init__(self, tracklet: Tracklet, t_s: Array) -> None:
+        self.tracklet, self.t_s = tracklet, t_s
+        # forward and backward each by itself: so flocks part where the Earth tears them apart
+        self.sides = [
+            (side, EvenSteps(tracklet.epoch, t_s[side], tracklet.forces))
+            for side in (t_s < 0.0, t_s > 0.0)
+            if side.any()
+        ]
+
+    def fly(self, states: Array) -> Array:
+        """Heliocentric states (m, n, 6) at the times of orbits (m, 6) at the reference time; nan of one that hits."""
+        found = np.repeat(states[:, None], len(self.t_s), axis=1)
+        away = np.linalg.norm(states[:, :3] - self.tracklet.place[:3], axis=1)
+        for side, steps in self.sides:
+            flown, known = steps.fly(states)
+            for alike in _alike(away, np.flatnonzero(~known)):
+                flown[alike] = propagate_many(
+                    states[alike], self.tracklet.epoch, steps.t_s, self.tracklet.forces, threads=1
+                ).state
+            found[:, side] = flown
+        return found
+
+
+def until(tracklet: Tracklet, states: Array, end_s: Array, t_s: Array) -> Array:
+    """States (m, n, 6) of orbits (m, 6) at ascending times (n,), nan from when each ends (m,), where it does.
+
+    Who falls on the way is flown to the last of the times before it, and not to the ground.
     """
-    state, fates = np.repeat(states[:, None], len(t_s), axis=1), Fates.unknown(len(states))
-    for side in (t_s < 0.0, t_s > 0.0):
-        if side.any():
-            found = propagate_many(
-                states, tracklet.epoch, t_s[side], tracklet.forces, tolerance=tolerance, threads=1, body=body
-            )
-            state[:, side], fates = found.state, found.fates
-    return state, fates
+    found = np.full((len(states), len(t_s), 6), np.nan)
+    count = np.searchsorted(t_s, np.where(np.isfinite(end_s), end_s, np.inf))
+    for n in np.unique(count[count > 0]).tolist():
+        found[count == n, :n] = Flights(tracklet, t_s[:n]).fly(states[count == n])
+    return found
+
+
+def _alike(away_km: Array, rows: Rows) -> list[Rows]:
+    """Some rows, parted by distance."""
+    group = np.searchsorted(ALIKE, away_km[rows])
+    return [rows[group == k] for k in np.unique(group)]
 
 
 def lines(
@@ -99,15 +126,11 @@ class Sight:
         earth = ephemeris.state_km_km_s("earth", tracklet.epoch, exposures.t_s)
         self.earth = earth[:, :3] - exposures.sun[:, :3]
         self.gm = exposures.gm_sun_km3_s2
+        self.flights = Flights(tracklet, exposures.t_s)
 
-    def fly(self, states: Array, range_km: Array) -> Array:
-        """Heliocentric states (m, n, 6) at the measurements of orbits (m, 6) at the reference time; nan after a hit."""
-        found = np.full((len(states), len(self.t_s), 6), np.nan)
-        alike = np.searchsorted(ALIKE, range_km)
-        for group in np.unique(alike):
-            chosen = np.flatnonzero(alike == group)
-            found[chosen] = together(self.tracklet, states[chosen], self.t_s)[0]
-        return found
+    def fly(self, states: Array) -> Array:
+        """Heliocentric states (m, n, 6) at the measurements of orbits (m, 6) at the reference time; nan of who hits."""
+        return self.flights.fly(states)
 
     def see(self, flown: Array, late_s: Array | None = None, displaced: Array | None = None) -> Seen:
         """Compare orbits with what was observed.

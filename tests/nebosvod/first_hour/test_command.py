@@ -11,6 +11,7 @@ import pytest
 
 from nebosvod.cli import main
 from nebosvod.results.folder import SCHEMAS
+from nebosvod.timescale import Epoch
 
 # the first records of 2018 LA, which fell on Botswana the same day; MPC
 LA = """\
@@ -27,7 +28,7 @@ def answer(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of the first four observations."""
     folder = tmp_path_factory.mktemp("la")
     (folder / "la.obs80").write_text(LA)
-    assert main(["alert", str(folder / "la.obs80"), "-o", str(folder / "out"), "--hours", "1,3"]) == 0
+    assert main(["alert", str(folder / "la.obs80"), "-o", str(folder / "out"), "--hours", "1,3,8"]) == 0
     return folder / "out"
 
 
@@ -80,6 +81,21 @@ def test_the_sky_of_the_next_hours_holds_where_the_object_was_seen(answer: Path)
     assert abs(ra - 242.234) < 5.0 * field["semi_major_arcsec"] / 3600.0
     assert abs(dec + 11.4815) < 5.0 * field["semi_major_arcsec"] / 3600.0
     assert field["contours_deg"]["95"]
+
+
+def test_orbits_that_will_fall_are_on_the_sky_until_they_do(answer: Path) -> None:
+    """Those on the sky are 300 draws; who has come down before is one whose own flight ended so early."""
+    found = summary_of(answer)
+    with np.load(answer / "arrays.npz") as arrays:
+        weight, end_s = arrays["draw_weight_uniform"], arrays["draw_t_s"]
+        shown = [len(arrays[f"field_psi_{k}"]) for k in range(3)]
+    reference = Epoch.parse(found["reference_epoch_tdb"])
+    for field, number in zip(found["fields"], shown, strict=True):
+        share = float(weight[end_s < Epoch.parse(field["epoch_utc"]) - reference].sum())
+        assert field["fallen"] == pytest.approx(share, abs=4.0 * np.sqrt(share * (1.0 - share) / 300))
+        assert number == round(300 * (1.0 - field["fallen"]))
+    assert found["fields"][0]["fallen"] == 0.0
+    assert found["fields"][2]["fallen"] > 0.01
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ import pytest
 
 from nebosvod.dynamics import Ephemeris
 from nebosvod.first_hour import observed
-from nebosvod.first_hour.condensed import condensed
+from nebosvod.first_hour.condensed import Few, condensed
 from nebosvod.first_hour.conditional import Conditional
 from nebosvod.first_hour.grid import grid_of
 from nebosvod.first_hour.observed import without_gross_errors
@@ -80,7 +80,7 @@ def test_chi_squared_of_any_orbit_is_that_of_all_records(kind: str, bodies: Ephe
     if kind == "by axis":
         factor = np.random.default_rng(2).uniform(0.5, 2.0, (len(whole), 2))
         whole = replace(whole, exposures=replace(whole.exposures, sigma_rad=whole.exposures.sigma_rad * factor))
-    few = condensed(whole, one.region)
+    few = condensed(whole, one.region).tracklet
     assert len(few) < 0.5 * len(whole)
     assert few.epoch == whole.epoch
     assert few.exposures.t_s[few.reference] == 0.0
@@ -105,12 +105,12 @@ def test_gross_errors_are_sought_at_the_best_orbit_of_all_records(
     moved = one.tracklet.observed.copy()
     moved[11, 1] += 5.0 * ARCSEC
     spoiled, mission = replace(one.tracklet, observed=moved), mission_of(["any"])
-    _, kept = without_gross_errors(spoiled, one.region, mission)
+    _, kept, _ = without_gross_errors(spoiled, one.region, mission)
     lost = np.setdiff1d(np.arange(40), kept)
     assert 11 in lost
     assert len(lost) <= 3  # one in fifty is beyond the limit by chance; 17 of 100 were left out of a good night
-    monkeypatch.setattr(observed, "condensed", lambda tracklet, region: tracklet)
-    _, direct = without_gross_errors(spoiled, one.region, mission)
+    monkeypatch.setattr(observed, "condensed", lambda tracklet, region, before=None: Few(tracklet=tracklet))
+    _, direct, _ = without_gross_errors(spoiled, one.region, mission)
     np.testing.assert_array_equal(kept, direct)
 
 
@@ -120,7 +120,7 @@ def test_five_hundred_records_cost_what_a_dozen_do(bodies: Ephemeris) -> None:
     for each in (12, 500):
         one = night(each, bodies)
         started = time.process_time()
-        found = grid_of(Conditional(condensed(one.tracklet, one.region)), one.region)
+        found = grid_of(Conditional(condensed(one.tracklet, one.region).tracklet), one.region)
         spent.append(time.process_time() - started)
         assert np.abs(found.moments()[0][0] - one.truth[0]) < 4.0 * np.sqrt(found.moments()[1][0, 0])
     assert spent[1] < 4.0 * spent[0]
@@ -131,4 +131,4 @@ def test_what_is_not_smooth_stays_as_it_is(bodies: Ephemeris) -> None:
     one = night(30, bodies)
     bias = one.tracklet.columns.bias * np.random.default_rng(1).standard_normal((30, 1, 1))
     rough = replace(one.tracklet, columns=replace(one.tracklet.columns, bias=bias))
-    assert condensed(rough, one.region) is rough
+    assert condensed(rough, one.region).tracklet is rough

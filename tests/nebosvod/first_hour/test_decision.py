@@ -15,7 +15,7 @@ import pytest
 from nebosvod.dynamics import Ephemeris
 from nebosvod.first_hour.candidate import Candidate
 from nebosvod.first_hour.conditional import Conditional
-from nebosvod.first_hour.sight import together
+from nebosvod.first_hour.sight import Flights
 from nebosvod.first_hour.tracklet import Tracklet
 from nebosvod.observation import Telescope
 
@@ -64,13 +64,13 @@ def test_a_station_errs_as_before_and_another_one_has_a_bias_and_a_clock_of_its_
     wrong = np.array([[0.1 * ARCSEC, -0.2 * ARCSEC, 1.3]])
     new = np.array([[0.5, -1.0, 2.0]])  # of another station: 0.1 and -0.2 arcsec, 2 s
     seen, psi = candidate.observed(
-        t_s, together(tracklet, truth, t_s)[0], candidate.errors(wrong, new), np.zeros((1, 2))
+        t_s, Flights(tracklet, t_s).fly(truth), candidate.errors(wrong, new), np.zeros((1, 2))
     )
     longer = candidate.longer(seen, psi[0, 0])
     case = CASE if name == "F51" else replace(CASE, observers=("F51", "W84"))
     sigma = np.append(np.full(len(tracklet), CASE.sigma_arcsec), CASE.sigma_arcsec if name == "F51" else 0.5) * ARCSEC
     problem = dense(longer, case, sigma, bodies)
-    x = Conditional(longer).coordinates(together(tracklet, truth, np.array([longer.epoch - tracklet.epoch]))[0][:, 0])
+    x = Conditional(longer).coordinates(Flights(tracklet, np.array([longer.epoch - tracklet.epoch])).fly(truth)[:, 0])
     clean, rate, _ = oracle.directions(problem.bodies, problem.exposures, longer.reference, problem.frame, x)
     away = ((psi[0, 0] - clean[0, -1] + np.pi) % (2.0 * np.pi) - np.pi) * np.array([np.cos(clean[0, -1, 1]), 1.0])
     bias, clock = (wrong[0, :2], 1.3) if name == "F51" else (np.array([0.1, -0.2]) * ARCSEC, 2.0)
