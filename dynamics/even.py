@@ -17,7 +17,7 @@ from nebosvod.dynamics.model import ForceModel, arc_of
 from nebosvod.dynamics.propagator import TOLERANCE
 from nebosvod.dynamics.surface import SURFACE_KM
 from nebosvod.dynamics.watch import DOWN, RECORD
-from nebosvod.dynamics.workspace import Samples, Steps, Watch
+from nebosvod.dynamics.workspace import Samples, Watch, make_steps
 from nebosvod.timescale import Epoch
 
 Array = npt.NDArray[np.float64]
@@ -54,13 +54,12 @@ class EvenSteps:
         """
         self.epoch, self.t_s, self.forces, self.tolerance = epoch, t_s, forces, tolerance
         self.end_s = float(t_s[np.argmax(np.abs(t_s))])
-        _, _, self.window, self.sun_at_epoch, self.physics = arc_of(
-            forces, epoch, min(self.end_s, 0.0), max(self.end_s, 0.0), 0.0
-        )
+        self.arc = arc_of(forces, epoch, min(self.end_s, 0.0), max(self.end_s, 0.0), 0.0)
         ephemeris = forces.ephemeris
         self.sun = ephemeris.state_km_km_s("sun", epoch, t_s)
         self.radius_km = np.array([SURFACE_KM[body] for body in forces.bodies])
-        self.bodies = np.stack([ephemeris.position_km(body, epoch, 0.0)[0] for body in forces.bodies])
+        places_km = [ephemeris.position_km(body, epoch, 0.0)[0] for body in forces.bodies]
+        self.bodies = np.stack(places_km) - self.arc.sun[:3]
         self.levels: dict[int, _Level] = {}
 
     def fly(self, states_km_km_s: Array) -> tuple[Array, Flags]:
@@ -75,15 +74,15 @@ class EvenSteps:
         Heliocentric states (m, n, 6) at the times, km and km/s, nan of who has come down before; and of which orbits
         (m,) they are known. The others need finer steps, or are low at one of the times.
         """
-        starts = states_km_km_s + self.sun_at_epoch
-        states, known = np.full((len(starts), len(self.t_s), 6), np.nan), np.zeros(len(starts), dtype=np.bool_)
-        above = np.linalg.norm(starts[:, None, :3] - self.bodies, axis=2) / self.radius_km
+        m = len(states_km_km_s)
+        states, known = np.full((m, len(self.t_s), 6), np.nan), np.zeros(m, dtype=np.bool_)
+        above = np.linalg.norm(states_km_km_s[:, None, :3] - self.bodies, axis=2) / self.radius_km
         known[(above < STOP).any(axis=1)] = True
-        left = np.flatnonzero((above > LOW).all(axis=1) & np.isfinite(starts).all(axis=1))
+        left = np.flatnonzero((above > LOW).all(axis=1) & np.isfinite(states_km_km_s).all(axis=1))
         for count in COUNTS:
             for first in range(0, len(left), AT_ONCE):
                 some = left[first : first + AT_ONCE]
-                states[some], known[some] = self._on(self._level(count), starts[some])
+                states[some], known[some] = self._on(self._level(count), states_km_km_s[some])
             left = left[~known[left]]
             if not left.size:
                 break
@@ -95,12 +94,11 @@ class EvenSteps:
         if count not in self.levels:
             k = count * int(np.ceil(abs(self.end_s) / LONGEST_S))
             edges = np.linspace(0.0, self.end_s, k + 1)
-            steps = Steps(
-                edges[:-1].copy(), np.diff(edges), np.zeros((k, 6)), np.zeros((k, 24)), np.zeros((k, 0)),
-                np.zeros((k, 0)), np.zeros(k),
-            )  # fmt: skip
+            steps = make_steps(k, 0)
+            steps.rows[:] = 0.0
+            steps.start[:], steps.length[:] = edges[:-1], np.diff(edges)
             ahead = self.end_s > 0.0
-            table = join(None if ahead else steps, steps if ahead else None, self.window, 0, 0.0)
+            table = join(None if ahead else steps, steps if ahead else None, self.arc.window, 0, 0.0)
             step, weights = places(table, self.t_s)
             self.levels[count] = _Level(
                 table=table, order=np.argsort(step, kind="stable"), step=step, weights=weights
@@ -108,8 +106,8 @@ class EvenSteps:
         return self.levels[count]
 
     def _on(self, level: _Level, starts: Array) -> tuple[Array, Flags]:
-        """The same of barycentric starts above every surface, on some steps."""
-        m, steps = len(starts), len(level.table.steps.start)
+        """The same of starts above every surface, on some steps."""
+        m, steps = len(starts), len(level.table.steps.rows)
         watch = Watch(
             np.empty(0, np.int64), np.empty(0), np.empty(0), (LOW * self.radius_km) ** 2, (STOP * self.radius_km) ** 2,
             np.empty((m, 0)), np.empty((len(self.radius_km) * m * steps, RECORD)), np.zeros(1, np.int64),
@@ -117,10 +115,9 @@ class EvenSteps:
         )  # fmt: skip
         states = np.full((m, len(self.t_s), 6), np.nan)
         samples = Samples(level.order, level.step, level.weights, self.sun, states, np.zeros(m), watch)
-        guide = level.table.guides(self.physics)[1 if self.end_s > 0.0 else 0]
         integrator.integrate(
-            8, starts, np.repeat(self.physics.strength[None], m, axis=0), self.end_s, self.window.coefficients,
-            self.window.layout, self.window.timing, self.physics, NO_COLUMNS, False, self.tolerance, *guide, samples,
+            self.arc, starts, np.repeat(self.arc.physics.strength[None], m, axis=0), self.end_s, NO_COLUMNS, False,
+            self.tolerance, *level.table.guides(self.arc.physics)[1 if self.end_s > 0.0 else 0], samples,
         )  # fmt: skip
         down = watch.left[:, 0] == DOWN
         low_from, low_to = np.full(m, np.inf), np.where(down, np.abs(watch.left[:, 1]), np.inf)
