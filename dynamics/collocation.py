@@ -44,3 +44,15 @@ AA_FLAT: Array = np.ascontiguousarray(AA.T).ravel()
 LAST_ROW: Array = np.ascontiguousarray(TO_LEGENDRE[STAGES - 1])
 TO_LEGENDRE_FLAT: Array = np.ascontiguousarray(TO_LEGENDRE).ravel()
 BARYCENTRIC: Array = np.array([1.0 / np.prod([NODES[j] - NODES[k] for k in range(STAGES) if k != j]) for j in range(8)])
+
+
+def _derivatives() -> Array:
+    """D[i, j] = derivative of Lagrange polynomial j at node i (Berrut and Trefethen 2004, eq. 9.4); rows sum to 0."""
+    gaps = NODES[:, None] - NODES + np.eye(STAGES)
+    D: Array = BARYCENTRIC / BARYCENTRIC[:, None] / gaps
+    np.fill_diagonal(D, 0.0)
+    np.fill_diagonal(D, -D.sum(axis=1))
+    return D
+
+
+DERIVATIVES_FLAT: Array = np.ascontiguousarray(_derivatives().T).ravel()

@@ -34,7 +34,9 @@ def expand_bodies(n: int, X: Array, P: Array, gm: Array, R: Array, S: Array, tid
         for l in range(n):
             dx, dy, dz = X[l] - P[b, l], X[8 + l] - P[b, 8 + l], X[16 + l] - P[b, 16 + l]
             ex, ey, ez = X[l] - P[c, l], X[8 + l] - P[c, 8 + l], X[16 + l] - P[c, 16 + l]
-            ir, jr = 1.0 / np.sqrt(dx * dx + dy * dy + dz * dz), 1.0 / np.sqrt(ex * ex + ey * ey + ez * ez)
+            r, s = np.sqrt(dx * dx + dy * dy + dz * dz), np.sqrt(ex * ex + ey * ey + ez * ez)
+            both = 1.0 / (r * s)  # one division for two bodies
+            ir, jr = both * s, both * r
             ir2, jr2 = ir * ir, jr * jr
             f, q = g * ir2 * ir, h * jr2 * jr
             f3, q3 = 3.0 * f * ir2, 3.0 * q * jr2

@@ -52,25 +52,6 @@ def add_small_forces(n: int, w: Work, p: Physics, A: Array) -> None:
 
 
 @inlined_kernel
-def steady(n: int, w: Work, p: Physics, h: float) -> float:
-    """By how much the small forces w.small change, in parts of the change of the accelerations, at most.
-
-    They are centred on the Sun and go with its distance by some power, at most the fifth, and with the square of the
-    velocity: a change of accelerations by da moves the nodes by h^2 da/2 and h da at most. Infinite where forces act
-    that other bodies change: relativity of all, and the Earth's shadow.
-    """
-    if p.relativity == 2 or (p.radiation_on and p.shadow_range > 0.0 and near(p.shadow_range, n, w.X, w.P, EARTH)):
-        return np.inf
-    most, r2, v2 = 0.0, 0.0, 0.0
-    for i in range(3 * n):
-        most = max(most, abs(w.small[i]))
-    for i in range(0, 24, 8):
-        r2 += (w.X[i] - w.P[SUN, i]) ** 2
-        v2 += (w.V[i] - w.VS[i]) ** 2
-    return float(most * (5.0 * h * h / np.sqrt(r2) + 2.0 * abs(h) / np.sqrt(v2)))
-
-
-@inlined_kernel
 def expand_here(n: int, w: Work, p: Physics) -> None:
     """Expand the field of the bodies but the Sun, and of the Earth's figure, about w.X; w.tide of all bodies."""
     for i in range(3 * n):
@@ -212,7 +193,7 @@ def solve_state(n: int, w: Work, p: Physics, h: float) -> tuple[bool, float, flo
     position is amplified by GM/r^3: without it the step control would chase noise), and their size.
     """
     predict(n, w.extrapolation, w.before, w.known, STATE_ROWS, w.A)
-    last, noise, size, valid_km, moved, x, v = 1e300, 0.0, 1.0, -1.0, np.inf, w.x, w.v
+    last, noise, size, valid_km, x, v = 1e300, 0.0, 1.0, -1.0, w.x, w.v
     # The rounding of position and time, km
     blur = abs(x[0]) + abs(x[1]) + abs(x[2]) + abs(w.t[7]) * (abs(v[0]) + abs(v[1]) + abs(v[2]))
     for sweep in range(14):
@@ -221,13 +202,7 @@ def solve_state(n: int, w: Work, p: Physics, h: float) -> tuple[bool, float, flo
         if sweep == 0 or largest(w.change[16:]) > valid_km:
             expand_here(n, w, p)
         expanded_field(n, w.X, w.X0, w.R0, w.S0, w.P, p.gm[SUN], w.B)
-        if last * moved >= 0.3 * EPSILON:
-            for i in range(3 * n):
-                w.small[i] = 0.0
-            add_small_forces(n, w, p, w.small)
-            moved = steady(n, w, p, h) if sweep == 1 else np.inf
-        for i in range(3 * n):
-            w.B[i] += w.small[i]
+        add_small_forces(n, w, p, w.B)
         replace(n, w.A, w.B, w.change)
         size = largest(w.change[8:])
         change = largest(w.change) / size

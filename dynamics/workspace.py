@@ -18,7 +18,7 @@ Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
 
 ROW, BLOCK, LINE = 3 * LANES, MOST_ORDERS * LANES, 8  # numbers in a row (x, y, z), in a block, in a cache line
-ROWS, BLOCKS, WIDE = 24, 8, 5  # how many of each `laid_out` gives names to, beside the bodies
+ROWS, BLOCKS, WIDE = 23, 8, 5  # how many of each `laid_out` gives names to, beside the bodies
 
 
 class Memory(NamedTuple):
@@ -58,7 +58,6 @@ class Work(NamedTuple):
     bend: Array  # (8,) largest GM/r^4 of the bodies but the Sun
     X0: Array  # (24,) where the field of the bodies but the Sun was expanded (see expansion.py)
     R0: Array  # (24,) that field there
-    small: Array  # (24,) the small forces at the nodes (see stages.add_small_forces)
     change: Array  # (24,) largest change, size and shift of each lane in a sweep
     before: Array  # (24,) accelerations of the last step, less those of the guide
     known: Array  # (24,) accelerations of the guide in this step; zero without one
@@ -123,9 +122,9 @@ def laid_out(m: Memory, bodies: int) -> Work:
     r, b, c, w = m.rows, m.moving, m.blocks, m.wide
     return Work(
         r[0], r[1], r[2], r[3], r[4], r[5], r[6], r[7], r[8], r[9], r[10], r[11], r[12], r[13], r[14], r[15], r[16],
-        r[17], r[18], r[19], r[20], r[21], b[:bodies], b[bodies : bodies + MAJOR],
+        r[17], r[18], r[19], r[20], b[:bodies], b[bodies : bodies + MAJOR],
         b[bodies + MAJOR : bodies + 2 * MAJOR], b[bodies + 2 * MAJOR :], c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7],
-        w[0], w[1], w[2], w[3], w[4], r[22], r[23],
+        w[0], w[1], w[2], w[3], w[4], r[21], r[22],
     )  # fmt: skip
 
 

@@ -45,7 +45,9 @@ def dop853(
     jacobian_x, jacobian_v, by_parameters = (np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, len(columns))))
 
     def rates(t: float, y: Array) -> Array:
-        inside.read_ephemeris(1, t, 0.0, w, physics, window.coefficients, window.layout, window.timing)
+        here = (window.coefficients, window.layout, window.timing)
+        inside.read_ephemeris(1, t, 0.0, w, physics, *here)
+        inside.velocity_at(1, w.t, *here, 0, w.T, w.u, w.record, w.VS)
         w.X[::8], w.V[::8] = y[:3], y[3:6]
         acceleration, _ = summed(1, w, physics)
         jacobian_x[:], jacobian_v[:] = w.G[::8].reshape(3, 3), w.K[::8].reshape(3, 3)
