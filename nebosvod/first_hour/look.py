@@ -8,14 +8,13 @@ import numpy.typing as npt
 
 from nebosvod.first_hour.contour import contours
 from nebosvod.first_hour.falls import Falls
-from nebosvod.first_hour.region import SLOPE, magnitudes_of
+from nebosvod.first_hour.region import faintness, magnitudes_of
 from nebosvod.first_hour.sight import lines, until
 from nebosvod.first_hour.tangent import Tangent, angles
 from nebosvod.first_hour.tracklet import Tracklet
 from nebosvod.observation import Telescope
 from nebosvod.observation.measurement.direction import angle_between
 from nebosvod.observation.measurement.exposures import Exposures
-from nebosvod.observation.measurement.photometry import apparent_magnitude
 from nebosvod.timescale import Epoch
 
 Array = npt.NDArray[np.float64]
@@ -70,7 +69,7 @@ def fields_of(
 def _magnitude(H: Array, place: Array, line: Array) -> float:
     """Median V of orbits with H (m,) at heliocentric places (m, 3) on lines of sight (m, 3)."""
     r, d = np.linalg.norm(place, axis=1), np.linalg.norm(line, axis=1)
-    return float(np.median(H + apparent_magnitude(0.0, SLOPE, r, d, angle_between(-place, -line))))
+    return float(np.median(H + faintness(r, d, angle_between(-place, -line))))
 
 
 def _field(name: str, epoch: Epoch, line: Array, magnitude: float | None, fallen: float) -> Field:

@@ -15,6 +15,7 @@ from nebosvod.units import AU_KM
 Array = npt.NDArray[np.float64]
 NEAREST_AU, FARTHEST_AU = 1e-5, 60.0
 SLOPE = 0.15
+LARGEST_PHASE = np.radians(150.0)
 ALBEDO = 0.154
 FASTEST_KM_S = 60.0  # beyond parabolic, of orbits that need not be bound
 
@@ -91,9 +92,16 @@ def magnitudes_of(tracklet: Tracklet, places: Array) -> Array | None:
     away = places - tracklet.place[:3]
     phase = angle_between(-places, -away)
     r, d = np.linalg.norm(places, axis=1), np.linalg.norm(away, axis=1)
-    faintness = apparent_magnitude(0.0, SLOPE, r, d, phase)
-    found: Array = tracklet.magnitude - faintness
+    found: Array = tracklet.magnitude - faintness(r, d, phase)
     return found
+
+
+def faintness(r_sun_km: Array, distance_km: Array, phase_rad: Array) -> Array:
+    """V of H = 0. H, G is an extrapolation beyond 120 deg, and near the Sun one by tens of magnitudes: held at 150 deg.
+
+    Without that whoever is seen beside the Sun must be larger than 1000 km unless it is far behind it.
+    """
+    return apparent_magnitude(0.0, SLOPE, r_sun_km, distance_km, np.minimum(phase_rad, LARGEST_PHASE))
 
 
 def magnitude_of(diameter_km: float) -> float:

@@ -6,11 +6,10 @@ import numpy as np
 
 from nebosvod.engine.truth import Truth
 from nebosvod.first_hour.conditional import Conditional
-from nebosvod.first_hour.region import SLOPE
+from nebosvod.first_hour.region import faintness
 from nebosvod.first_hour.tracklet import Columns, Tracklet
 from nebosvod.observation.measurement.astrometry import compute
 from nebosvod.observation.measurement.direction import angle_between
-from nebosvod.observation.measurement.photometry import apparent_magnitude
 from nebosvod.scene.scene import PlannedScene
 
 
@@ -45,7 +44,7 @@ def simulated(scene: PlannedScene, truth: Truth, by: Sequence[str] = ()) -> tupl
         phase = angle_between(-r[None], -away[None])
         H = mission.object.magnitude.H
         lengths = np.array([np.linalg.norm(r)]), np.array([np.linalg.norm(away)])
-        magnitude = float(apparent_magnitude(H, SLOPE, *lengths, phase)[0])
+        magnitude = H + float(faintness(*lengths, phase)[0])
     made = Tracklet.of(mission.object.name, scene.exposures, truth.psi, scene.forces, columns, magnitude)
     made = made.select(rows)
     return made, {"range_au": float(np.exp(x[0])), "rate_km_s": float(x[1])}

@@ -13,12 +13,13 @@ from nebosvod.cli import main
 from nebosvod.dynamics import Ephemeris, ForceModel
 from nebosvod.dynamics.each import fates_of_each
 from nebosvod.first_hour.circling import lowest_perigee
+from nebosvod.first_hour.region import Region
 from nebosvod.first_hour.tracklet import Columns, Tracklet
 from nebosvod.observation import Telescope
 from nebosvod.observation.measurement.exposures import Exposures
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
-from kinds import EPOCH, KINDS, SITE, made  # type: ignore[import-not-found]
+from kinds import EPOCH, HIGH, KINDS, SITE, made  # type: ignore[import-not-found]
 
 
 @pytest.mark.parametrize(
@@ -69,6 +70,20 @@ def test_what_circles_low_is_not_flown_a_hundred_times_round_the_earth(
     assert found["high"] < 1e-5
     assert found["draws"]["flown"] == 0
     assert found["scores"]["earth_satellite"] == pytest.approx(1.0)
+
+
+def test_what_is_seen_beside_the_sun_may_be_near() -> None:
+    """H, G makes a metre at 178 deg of phase fainter by 46 mag: everything nearer than the Sun had to be a planet."""
+    ephemeris = Ephemeris.load()
+    site = Telescope(name="C51", spacecraft=HIGH, sigma_rad=1e-6)
+    exposures = Exposures.of(EPOCH, [(site, np.array([0.0, 60.0]))], ephemeris)
+    line = (exposures.sun - exposures.observer)[0, :3]
+    for away in (0.04, 0.3):  # rad from the Sun
+        psi = np.array([np.arctan2(line[1], line[0]) + away, np.arctan2(line[2], np.hypot(line[0], line[1]))])
+        tracklet = Tracklet.of(
+            "made up", exposures, np.tile(psi, (2, 1)), ForceModel(ephemeris=ephemeris), Columns.none(2), 20.0
+        )
+        assert Region().ranges(tracklet)[0] < np.log(1e-3)
 
 
 def test_the_least_perigee_of_what_circles_is_below_that_of_flown_orbits() -> None:

@@ -89,20 +89,24 @@ def test_made_up_impactors_end_in_the_region_of_95_percent(bodies: Ephemeris) ->
 @pytest.mark.long
 @needs_data
 @pytest.mark.parametrize(
-    ("name", "place", "counts"),
+    ("name", "place", "counts", "error_deg"),
     [
-        # orbit and infrasound, 1 sigma of 140 km (Farnocchia et al. 2016, Icarus 274, 327); infrasound alone, by
-        # P. Brown, as JPL told it on 2014-01-03: mid-Atlantic, about 40 W 12 N
-        ("2014 AA", (-44.2, 13.1), range(3, 8)),
-        ("2014 AA", (-40.0, 12.0), (4, 7)),
-        ("2018 LA", (23.3, -21.2), range(4, 18)),  # the fireball at 28.7 km, US government sensors
-        ("2024 BX1", (12.5, 52.7), (4, 5, 6, 7, 8, 9, 10, 12, 14, 20)),
+        # nobody saw it end. Seven records and infrasound together: 13.1 N 44.2 W, 1 sigma of 140 km (Farnocchia et al.
+        # 2016, Icarus 274, 327, as probsee.com/p/2014_AA tells it: the paper itself was not at hand)
+        ("2014 AA", (-44.2, 13.1), range(3, 8), 0.0),
+        # infrasound of three stations alone, P. Brown: 40 W 12 N ("mid-Atlantic", JPL news of 2014-01-06; Wikipedia)
+        ("2014 AA", (-40.0, 12.0), (4, 7), 0.0),
+        # infrasound alone once more: 44 W 11 N (de la Fuente Marcos, de la Fuente Marcos and Mialle 2016, Astrophysics
+        # and Space Science 361, 358, abstract); 230 km from the first, so no better than that
+        ("2014 AA", (-44.0, 11.0), range(3, 8), 2.1),
+        ("2018 LA", (23.3, -21.2), range(4, 18), 0.0),  # the fireball at 28.7 km, US government sensors
+        ("2024 BX1", (12.5, 52.7), (4, 5, 6, 7, 8, 9, 10, 12, 14, 20), 0.0),
     ],
 )
 def test_the_point_of_fall_lies_in_the_region_after_every_observation(
-    name: str, place: tuple[float, float], counts: Sequence[int], bodies: Ephemeris
+    name: str, place: tuple[float, float], counts: Sequence[int], error_deg: float, bodies: Ephemeris
 ) -> None:
-    """To the rounding of what is published: late regions are a kilometre wide."""
+    """To the rounding of what is published, late regions are a kilometre wide; or to the error of the place itself."""
     for count in counts:
         found = answered(FILES[name], slice(0, count), bodies)
         assert found.corridor is not None
@@ -110,4 +114,4 @@ def test_the_point_of_fall_lies_in_the_region_after_every_observation(
         near = np.concatenate(edges)
         east = (near[:, 0] - place[0] + 180.0) % 360.0 - 180.0
         away = np.hypot(east * np.cos(np.radians(place[1])), near[:, 1] - place[1])
-        assert inside(edges, place) or away.min() < ROUNDING_DEG, count
+        assert inside(edges, place) or away.min() < max(ROUNDING_DEG, error_deg), count
