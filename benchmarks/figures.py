@@ -134,8 +134,10 @@ def records(given: bool) -> Call:
     rng, model, state = np.random.default_rng(1), ForceModel(ephemeris=Ephemeris.load()), start_km("10297, main belt")
     table = records_of(state, model, "X001", 510, 6.0, rng)
     mission = mission_of(["made"])
-    asked = mission.of(table.objects[0], (), EPOCH, state) if given else mission
-    return lambda: answer(fit_object(table, asked, model.ephemeris))
+    if given:
+        known = mission.object.model_copy(update={"orbit": mission.of(table.objects[0], (), EPOCH, state).orbit})
+        mission = mission.standing_for(object=known)
+    return lambda: answer(fit_object(table, mission, model.ephemeris))
 
 
 def seen(kind: str) -> Call:

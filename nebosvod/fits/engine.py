@@ -11,15 +11,13 @@ import numpy as np
 import numpy.typing as npt
 
 from nebosvod.dynamics import Ephemeris, ForceModel
-from nebosvod.dynamics.impact import carry
-from nebosvod.errors import CoverageError, EventError, GeometryError, InputError, counted, noting
-from nebosvod.estimation import Status
+from nebosvod.errors import counted, noting
 from nebosvod.estimation.problem.square_root import covariance_factor
 from nebosvod.estimation.solvers.rejection import Thresholds
 from nebosvod.fits.correction import Correction, Knowledge
-from nebosvod.fits.ending import Verdict, arc_words, verdict
+from nebosvod.fits.ending import Verdict, verdict
+from nebosvod.fits.first_orbit import carried, first_orbit
 from nebosvod.fits.general import General, estimate, widened
-from nebosvod.fits.growth import grow
 from nebosvod.fits.leading import Course, Led, convinced
 from nebosvod.fits.noise_factors import CLOSE, NoiseFactor, by_record, noise_factors
 from nebosvod.fits.selection import Selected, select
@@ -27,20 +25,15 @@ from nebosvod.fits.shared_errors import Records, SharedError
 from nebosvod.mission import FitMission
 from nebosvod.mission.reading.places import asking
 from nebosvod.observation.formats.records import Astrometry
-from nebosvod.observation.initial.initial_orbit import StartingOrbit, attributable, candidates
 from nebosvod.observation.measurement.exposures import Sky
 from nebosvod.scene.dates import dated
 from nebosvod.scene.material import Material, prepare, require_few_steps
 from nebosvod.scene.prior import STATE_NAMES, PriorTable, prior_table
-from nebosvod.scene.scene import force_model, require_epochs, state_at
-from nebosvod.timescale import SECONDS_PER_DAY, Epoch
-from nebosvod.units import ARCSEC
+from nebosvod.scene.scene import force_model, require_epochs
+from nebosvod.timescale import Epoch
 
 Array = npt.NDArray[np.float64]
-TRIED = 4  # starting orbits tried before the best of them is taken
-GOOD = 3.0  # chi squared for each selected observation, of which 2 are expected, below which no other start is tried
 ROUNDS_OF_FACTORS = 6  # of the noise of stations, each a fit anew
-MOST = 0.6  # of the observations that a good fit has selected
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -102,7 +95,7 @@ def fit_object(
     material = prepare(records, mission, ephemeris)
     thresholds = thresholds_of(mission)
     with noting(material.notices):
-        epoch, state, chosen, origin = _first_orbit(material, mission, ephemeris, thresholds, say)
+        epoch, state, chosen, origin = first_orbit(material, mission, ephemeris, thresholds, say)
     resolved = mission.of(designation, material.names, epoch, state)
     forces = force_model(resolved, ephemeris)
     priors = prior_table(resolved, forces, _prior_mean(mission, resolved, forces, state))
@@ -234,98 +227,4 @@ def _prior_mean(mission: FitMission, resolved: FitMission, forces: ForceModel, s
     """The state a prior orbit is about: the orbit that was given, carried to the epoch of the fit."""
     if mission.prior == "none" or mission.object.orbit is None:
         return state
-    return _carried(mission, resolved.reference_epoch, forces)
-
-
-def _carried(mission: FitMission, epoch: Epoch, forces: ForceModel) -> Array:
-    """The given orbit at an epoch."""
-    with asking(mission, "object", "orbit"):
-        return state_at(mission.orbit, epoch, forces)
-
-
-def _first_orbit(
-    material: Material,
-    mission: FitMission,
-    ephemeris: Ephemeris,
-    thresholds: Thresholds | None,
-    say: Callable[[str], None],
-) -> tuple[Epoch, Array, npt.NDArray[np.bool_], str]:
-    """Epoch of the fit, state there, first selection, and where they came from."""
-    first, last = ephemeris.coverage(asteroids=mission.force_model.asteroids)
-    epoch = min(max(material.middle, first), last)
-    bare = _with_columns(force_model(mission, ephemeris), ())
-    if mission.object.orbit is not None:
-        return epoch, _carried(mission, epoch, bare), np.ones(len(material), dtype=bool), "the orbit given"
-    say("looking for a starting orbit")
-    found = candidates(material.astrometry, material.observers.state_km_km_s, ephemeris)
-    if not found:
-        raise GeometryError(f"{material.astrometry.objects[0]}: no starting orbit found; {_known(material)}")
-    best: tuple[float, Selected, StartingOrbit] | None = None
-    uncovered: CoverageError | None = None
-    for start in found[:TRIED]:
-        say("widening the arc about the starting orbit")
-        at = start.epoch + start.t_s
-        try:
-            grown = grow(material.sky(at), start.state, bare, thresholds, half_s=start.span_s / 2.0)
-        except CoverageError as error:
-            uncovered = error
-            continue
-        except (EventError, InputError):
-            continue  # runs into a body; the next one may not
-        merit = _merit(grown)
-        if best is None or merit < best[0]:
-            best = (merit, grown, start)
-        if merit < GOOD and grown.selected.mean() > MOST and grown.correction.status is Status.CONVERGED:
-            break
-    if best is None and uncovered is not None and not _covered(material, epoch, first, last):
-        raise uncovered
-    if best is None:
-        text = "no starting orbit can be followed over the arc"
-        raise GeometryError(f"{material.astrometry.objects[0]}: {text}; {_known(material)}")
-    _, grown, start = best
-    at = start.epoch + start.t_s
-    origin = _origin(start, material)
-    try:
-        state = carry(grown.correction.state, at, epoch, bare).state[0]
-    except (
-        EventError
-    ):  # 0h may lie outside an arc of minutes, and the vague orbit of such an arc run into a body before
-        return at, grown.correction.state, grown.selected, origin
-    return epoch, np.array(state), grown.selected, origin
-
-
-def _covered(material: Material, epoch: Epoch, first: Epoch, last: Epoch) -> bool:
-    """Whether all observations lie between two epochs; an orbit of thousands of au may leave the arc by its light."""
-    low, high = material.sky(epoch).span_s
-    return first - epoch <= low and high <= last - epoch
-
-
-def _origin(start: StartingOrbit, material: Material) -> str:
-    """Where a starting orbit came from, for a sentence."""
-    times = ", ".join(str(material.astrometry.utc[row])[:19] for row in start.triplet)
-    if start.method == "Gauss":
-        return f"Gauss's method on the directions of {times}"
-    return "a search over distances and their rates"
-
-
-def _known(material: Material) -> str:
-    """What is known without an orbit: the arc, direction and motion at its middle, whether it shows curvature."""
-    records = material.astrometry
-    try:
-        seen = attributable(records)
-    except InputError as error:
-        return str(error)
-    is_are = "is" if len(records) == 1 else "are"
-    what = f"known {is_are} {counted(len(records), 'observation')} over {arc_words(material)}"
-    rate = np.linalg.norm(seen.rate_rad_s) * SECONDS_PER_DAY / ARCSEC
-    curved = f"curved by {seen.significance:.1f} sigma" if seen.significance > 0.0 else "a straight line"
-    return (
-        f"{what}: at the middle RA {np.degrees(seen.psi[0]):.4f} deg, Dec {np.degrees(seen.psi[1]):+.4f} deg, "
-        f"moving {rate:.4g} arcsec a day, {curved}; give object.orbit in a settings file if one is known"
-    )
-
-
-def _merit(found: Selected) -> float:
-    """Cost for each selected observation; observations left out cost as much as the threshold of rejection."""
-    chosen = found.selected
-    return (found.correction.cost + 8.0 * float((~chosen).sum())) / len(chosen)
+    return carried(mission, resolved.reference_epoch, forces)

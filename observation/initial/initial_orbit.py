@@ -8,6 +8,7 @@ by the length of the span: a long one fixes the orbit better. For arcs of one ni
 is searched. An orbit given back here fits a span to some arcseconds; it is where a fit starts, not a result.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,7 +24,7 @@ from nebosvod.observation.reduction.weights import weigh
 from nebosvod.timescale import Epoch
 from nebosvod.units import ARCSEC
 
-__all__ = ["Attributable", "StartingOrbit", "attributable", "candidates"]
+__all__ = ["Attributable", "StartingOrbit", "attributable", "candidates", "searches"]
 
 SPANS_D = (8.5, 17.0, 3.5, 32.0, 1.3, 60.0, 0.15, 150.0)  # in the order in which they are tried
 COMMON_D, LONGEST_D = 60.0, 400.0  # the whole arc is a span of its own: the first one, or the last
@@ -53,6 +54,7 @@ class StartingOrbit:
     state : (6,) heliocentric ICRF, km and km/s, at `epoch` + `t_s`.
     epoch, t_s : the epoch of the records, and TDB seconds after it.
     rms_arcsec : root mean square of the residuals over the span, without the worst fifth.
+    merit : the same in sigmas.
     triplet : row numbers of the three observations the orbit came from; of a grid: first, middle, last.
     span_s : length of the span that was fitted.
     method : "Gauss" or "ranging".
@@ -62,6 +64,7 @@ class StartingOrbit:
     epoch: Epoch
     t_s: float
     rms_arcsec: float
+    merit: float
     triplet: tuple[int, int, int]
     span_s: float
     method: str
@@ -93,9 +96,20 @@ def candidates(astrometry: Astrometry, observer_states: Array, ephemeris: Epheme
     -----
     What is known when this gives nothing: `attributable`.
     """
+    *_, last = ((), *searches(astrometry, observer_states, ephemeris))
+    return last
+
+
+def searches(
+    astrometry: Astrometry, observer_states: Array, ephemeris: Ephemeris
+) -> Iterator[tuple[StartingOrbit, ...]]:
+    """The same after each span that is searched, of all spans so far: the first may be as good as all, and takes less.
+
+    It ends when two spans have led to one orbit, or with the last span.
+    """
     order = np.argsort(astrometry.t_s, kind="stable")
     if np.unique(astrometry.t_s).size < 3:
-        return ()
+        return
     sigma = np.empty((len(astrometry), 2))
     sigma[...] = weigh(astrometry, night_limit=None).sigma_rad
     found: list[_Found] = []
@@ -105,9 +119,10 @@ def candidates(astrometry: Astrometry, observer_states: Array, ephemeris: Epheme
             astrometry.epoch, astrometry.t_s[mine], astrometry.psi[mine], sigma[mine], observer_states[mine], ephemeris
         )
         found.append(_search(arc, mine, _observer_velocity(arc, mine, observer_states, astrometry, ephemeris), found))
-        if _settled(found):
-            break
-    return _ranked(found, astrometry)
+        settled = _settled(found)
+        yield _ranked(found, astrometry)
+        if settled:
+            return
 
 
 def _settled(found: list[_Found]) -> bool:
@@ -306,6 +321,7 @@ def _ranked(found: list[_Found], astrometry: Astrometry) -> tuple[StartingOrbit,
                 epoch=astrometry.epoch,
                 t_s=one.arc.t0 * DAY_S,
                 rms_arcsec=float(trimmed_rms(v)[0]) * 648000.0 / np.pi,
+                merit=float(one.merit[k]),
                 triplet=(int(one.triplets[k, 0]), int(one.triplets[k, 1]), int(one.triplets[k, 2])),
                 span_s=float(np.ptp(one.arc.t)) * DAY_S,
                 method=str(one.method[k]),
