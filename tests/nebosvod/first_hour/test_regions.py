@@ -76,14 +76,16 @@ def test_the_plane_about_a_mean_keeps_angles_from_it_and_comes_back() -> None:
 
 @pytest.mark.long
 def test_made_up_impactors_end_in_the_region_of_95_percent(bodies: Ephemeris) -> None:
-    """Of 60, with four to eight records each, 57 are expected and 51 are 3.5 sigma below; flown by Runge and Kutta."""
+    """Of 60, with four to eight records each; flown by Runge and Kutta. 56 and 41 of these, of 180 171 and 133."""
     rng, found = np.random.default_rng(2), []
     for _ in range(60):
         one = impactor(bodies, rng)
         place = alert(one.tracklet, Question()).corridor
         assert place is not None
-        found.append(inside(place.contours_deg["95"], one.place_deg))
-    assert np.sum(found) >= 51
+        found.append([inside(place.contours_deg[share], one.place_deg) for share in ("68", "95")])
+    of_68, of_95 = np.sum(found, axis=0)
+    assert of_95 >= 53  # 57 +- 1.7 are expected
+    assert 34 <= of_68 <= 51  # 41 +- 3.6, and some more
 
 
 @pytest.mark.long
