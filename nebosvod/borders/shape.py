@@ -49,8 +49,8 @@ def _wrong(value: Any, schema: Any, root: Schema, key: str) -> Iterator[tuple[st
     for word in ("oneOf", "anyOf"):
         if word in schema:
             found = [list(_wrong(value, one, root, key)) for one in schema[word]]
-            if all(found):
-                yield min(found, key=len)[0]
+            if all(found):  # of the one whose kind it has
+                yield min(found, key=lambda wrong: (wrong[0][0] == key, len(wrong)))[0]
     if "if" in schema and not any(_wrong(value, schema["if"], root, key)):
         yield from _wrong(value, schema.get("then"), root, key)
     if isinstance(value, dict):

@@ -8,7 +8,7 @@ import click
 
 from nebosvod.errors import counted
 from nebosvod.impacts.chance import short_words
-from nebosvod.results.alert_words import headline
+from nebosvod.results.alert_words import angle, arc, duration, headline
 
 Row = Mapping[str, Any]
 QUANTITIES = (
@@ -19,9 +19,9 @@ CALLED = {"uniform": "uniform in range and rate", "cartesian": "uniform in space
 SHOWN = 12
 
 
-def print_alert(summary: Row, folder: Path | None) -> None:
-    """Print the answer and where the rest is; notices go to stderr."""
-    for line in alert_lines(summary):
+def print_alert(summary: Row, folder: Path | None, fitted: bool = False) -> None:
+    """Print the answer and where the rest is; notices go to stderr. `fitted`: least squares have been tried."""
+    for line in alert_lines(summary, fitted):
         click.echo(line)
     for text in summary["warnings"]:
         click.echo(f"notice: {text}", err=True)
@@ -29,11 +29,11 @@ def print_alert(summary: Row, folder: Path | None) -> None:
         click.echo(f"report: {folder / 'report.html'}")
 
 
-def alert_lines(summary: Row) -> Iterator[str]:
+def alert_lines(summary: Row, fitted: bool = False) -> Iterator[str]:
     """The answer, line by line."""
     out = f", {len(summary['rejected'])} more left out as gross errors" if summary["rejected"] else ""
     yield (
-        f"{summary['object']}: {counted(summary['n_observations'], 'observation')} over {arc(summary)}, "
+        f"{summary['object']}: {counted(summary['n_observations'], 'observation')} over {arc(summary['arc_h'])}, "
         f"{summary['first_utc'][:16].replace('T', ' ')} to {_until(summary)} UTC, "
         f"by {', '.join(summary['stations'])}{out}"
     )
@@ -45,7 +45,7 @@ def alert_lines(summary: Row) -> Iterator[str]:
     )
     yield f"  prior: {CALLED[summary['headline']]}; others: {'; '.join(others)}"
     yield f"{summary['message'][0].upper()}{summary['message'][1:]}"
-    if summary["orbit_status"] == "observable":
+    if summary["orbit_status"] == "observable" and not fitted:
         yield "  least squares may be believed as well: nebosvod fit"
     yield from _fall(summary["impact"])
     yield ""
@@ -72,12 +72,6 @@ def _until(summary: Row) -> str:
     return last[11:] if first[:10] == last[:10] else last
 
 
-def arc(summary: Row) -> str:
-    """Length of the arc."""
-    hours = summary["arc_h"]
-    return f"{60.0 * hours:.0f} min" if hours < 2.0 else f"{hours:.1f} h" if hours < 48.0 else f"{hours / 24.0:.1f} d"
-
-
 def line_of(summary: Row) -> str:
     """One object in a line."""
     size = summary["quantities"].get("H")
@@ -85,7 +79,7 @@ def line_of(summary: Row) -> str:
     best = summary["quantities"]["range_au"]["median"]
     return (
         f"{summary['object']}: P {short_words(summary)}; {counted(summary['n_observations'], 'observation')} over "
-        f"{arc(summary)}; range {best:.3g} au{brightness}; {summary['orbit_status'].replace('_', ' ')}"
+        f"{arc(summary['arc_h'])}; range {best:.3g} au{brightness}; {summary['orbit_status'].replace('_', ' ')}"
     )
 
 
@@ -94,8 +88,8 @@ def _fall(fall: Row | None) -> Iterator[str]:
         return
     east, north = fall["longitude_deg"], fall["latitude_deg"]
     yield (
-        f"If it hits: {fall['epoch_utc'][:19].replace('T', ' ')} UTC +- {fall['half_68_s']:.3g} s (68 %), longitude "
-        f"{east['median']:.2f} ({east['q025']:.2f} to {east['q975']:.2f}), latitude {north['median']:.2f} "
+        f"If it hits: {fall['epoch_utc'][:19].replace('T', ' ')} UTC +- {duration(fall['half_68_s'])} (68 %), "
+        f"longitude {east['median']:.2f} ({east['q025']:.2f} to {east['q975']:.2f}), latitude {north['median']:.2f} "
         f"({north['q025']:.2f} to {north['q975']:.2f}) deg; {fall['speed_km_s']['median']:.1f} km/s at "
         f"{fall['entry_km']:.0f} km, {fall['elevation_deg']['median']:.0f} deg below the horizon"
     )
@@ -108,14 +102,8 @@ def _fields(rows: list[Row]) -> Iterator[str]:
         faint = "" if row["V"] is None else f"  V {row['V']:.1f}"
         yield (
             f"  {row['epoch_utc'][:16].replace('T', ' ')}  {row['telescope']}: RA {row['ra_deg']:.4f}, Dec "
-            f"{row['dec_deg']:+.4f} deg, {_angle(row['semi_major_arcsec'])} x {_angle(row['semi_minor_arcsec'])}{faint}"
+            f"{row['dec_deg']:+.4f} deg, {angle(row['semi_major_arcsec'])} x {angle(row['semi_minor_arcsec'])}{faint}"
         )
-
-
-def _angle(arcsec: float) -> str:
-    if arcsec < 120.0:
-        return f"{arcsec:.2g} arcsec"
-    return f"{arcsec / 60.0:.2g} arcmin" if arcsec < 7200.0 else f"{arcsec / 3600.0:.2g} deg"
 
 
 def _history(rows: list[Row]) -> Iterator[str]:

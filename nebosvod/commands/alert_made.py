@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nebosvod.dynamics import Ephemeris
+from nebosvod.dynamics.constants import DAY_S
 from nebosvod.engine.truth import draw
 from nebosvod.ephemerides.observers import GEOCENTRE, observer
 from nebosvod.errors import InputError, noting
@@ -25,6 +26,7 @@ from nebosvod.observation import Telescope
 from nebosvod.observation.earth import obscodes
 from nebosvod.observation.formats.records import Astrometry
 from nebosvod.results.alert_folder import summarise
+from nebosvod.results.alert_words import span
 from nebosvod.scene.material import Material
 from nebosvod.scene.prior import prior_table
 from nebosvod.scene.scene import build_scene
@@ -103,8 +105,9 @@ def _hours(text: str) -> Array:
         found = np.unique([float(word) for word in text.split(",")])
     except ValueError:
         raise InputError(f"--hours: needs numbers with commas between them (got {text[:40]})") from None
-    if not np.isfinite(found).all() or found.min() < 0.0 or found.size > MOST_HOURS:
-        raise InputError(f"--hours: needs up to {MOST_HOURS} numbers, 0 or more (got {text[:40]})")
+    if not np.isfinite(found).all() or found.min() < 0.0 or found.max() > 24.0 * LONGEST_D or found.size > MOST_HOURS:
+        most = f"up to {MOST_HOURS} numbers from 0 to {24.0 * LONGEST_D:g}"
+        raise InputError(f"--hours: needs {most} (got {text[:40]})")
     return np.asarray(found)
 
 
@@ -169,6 +172,7 @@ def _answered(
     few: Few | None = None,
 ) -> Answered:  # fmt: skip
     """Everything that was asked of a tracklet."""
+    notices = [*notices, *_beyond(tracklet, asked)]
     say("laying the grid, flying the drawn orbits")
     found = alert(tracklet, asked.question, who, asked.after_s, few)
     moments = list(history(tracklet, asked.question, say, MOST_MOMENTS)) if asked.history else []
@@ -177,3 +181,13 @@ def _answered(
         found, notices=notices, rejected=rejected, stations=stations, history=moments, decisions=decisions, truth=truth
     )
     return Answered(alert=found, summary=summary)
+
+
+def _beyond(tracklet: Tracklet, asked: Asked) -> list[str]:
+    """What is said of hours at which nobody looks, for they are after the time in which an impact counts."""
+    end_s = asked.question.within_d * DAY_S - float(tracklet.exposures.t_s.max())
+    late = [f"{after / 3600.0:g}" for after in asked.after_s.tolist() if after >= end_s]
+    if not late:
+        return []
+    span_said = span(asked.question.within_d)
+    return [f"--hours {','.join(late)}: left out, after the {span_said} in which an impact counts (--within)"]

@@ -42,12 +42,19 @@ def found_for(
 ) -> Answered:
     """The answer for one object, or for a mission whose measurements are simulated."""
     if not _is_mission(files):
+        _require_no_telescopes(asked)
         mission = resolved(files, designations, since, until)
         (records,) = objects(mission, split=False)
         return of_records(records, mission, load_ephemeris(mission), asked, say)
     if designations or since or until:
         raise InputError("--object, --from, --to: choose observations, and a mission simulates its own; remove them")
     return of_mission(files[0], asked, say)
+
+
+def _require_no_telescopes(asked: Asked) -> None:
+    """Raise InputError where telescopes are chosen of records, which name stations."""
+    if asked.by:
+        raise InputError(f"--by {asked.by[0]}: chooses telescopes of a mission, and these are observations; remove it")
 
 
 def _is_mission(files: Sequence[str]) -> bool:
@@ -63,9 +70,12 @@ def answer_every(
     files: Sequence[str], designations: Sequence[str], since: str | None, until: str | None, asked: Asked, say: Say
 ) -> bool:
     """A line for every object of the files; returns whether any has no answer."""
+    if _is_mission(files):
+        raise InputError(f"--split: {files[0]} is a mission, which has one object; remove --split")
+    _require_no_telescopes(asked)
     mission = resolved(files, designations, since, until)
     ephemeris, parts = load_ephemeris(mission), list(objects(mission, split=True))
-    failed, summaries = False, []
+    failed, summaries, noticed = False, [], set[str]()
     for number, records in enumerate(parts, start=1):
         name, started = records.objects[0], time.time()
         say(f"{number} of {len(parts)}: {name}")
@@ -78,6 +88,10 @@ def answer_every(
             continue
         failed = failed or not found.alert.enough
         summaries.append(found.summary)
+        for text in found.summary["warnings"]:
+            if text not in noticed:  # what is said of many objects alike is said once
+                click.echo(f"notice: {name}: {text}", err=True)
+            noticed.add(text)
         if asked.output is not None:
             folder = asked.output / slug(name, "object")
             _publish(found, folder, asked.overwrite, str(files[0]), started)

@@ -136,11 +136,13 @@ def fit_every(
             instead = first_hour(gather(mission).of(name), mission, ephemeris, lambda message: None)
         if instead is not None and isinstance(found, NebosvodError):
             source = str(mission.fit.observations[0])
-            with OwnedFolder(folder / slug(name, "object"), report_text, overwrite=overwrite) as target:
+            own = folder / slug(name, "object")
+            with OwnedFolder(own, report_text, overwrite=overwrite) as target:
                 target.publish(in_place_of(found, instead, ephemeris, source, time.time()))
             summaries.append(instead.summary)
+            click.echo(f"notice: {name}: {instead.summary['warnings'][0]}", err=True)
             if not as_json:
-                click.echo(line_of(instead.summary))
+                click.echo(f"{line_of(instead.summary)}; {own}")
             continue
         if isinstance(found, NebosvodError):
             failed = True

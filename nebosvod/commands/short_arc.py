@@ -52,7 +52,8 @@ def is_short(result: Result) -> bool:
 
 def in_place_of(error: NebosvodError, found: Answered, ephemeris: Ephemeris, source: str, started: float) -> Result:
     """The folder of an answer where there is no orbit at all; why stands among its warnings."""
-    text = f"not observable as an orbit: {error}"
+    name = found.summary["object"]
+    text = f"no orbit by least squares: {str(error).removeprefix(f'{name}: ')}"
     found.summary["warnings"] = [text, *found.summary["warnings"]]
     return alert_result(found.summary, found.alert, ephemeris, source, started)
 
@@ -60,8 +61,8 @@ def in_place_of(error: NebosvodError, found: Answered, ephemeris: Ephemeris, sou
 def say_instead(found: Answered, folder: Path | None) -> None:
     """Print the answer: below that of a fit, which has said the notices, or with them and its folder in place of it."""
     if folder is not None:
-        print_alert(found.summary, folder)
+        print_alert(found.summary, folder, fitted=True)
         return
     click.echo("")
-    for line in alert_lines(found.summary):
+    for line in alert_lines(found.summary, fitted=True):
         click.echo(line)

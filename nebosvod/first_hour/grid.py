@@ -217,7 +217,8 @@ class _Search:
         name, which = self.conditional.tracklet.name, "bound to the Sun, " if self.region.bound else ""
         return GeometryError(
             f"{name}: no orbit {which}above the ground and of a size between {self.region.smallest_m:g} m and "
-            f"{self.region.largest_km:g} km fits the observations; widen --smallest, or allow --unbound"
+            f"{self.region.largest_km:g} km fits the observations; widen --smallest, allow --unbound, "
+            "or see whether they are all of one object"
         )
 
     def _intervals(self, most: int) -> tuple[Array, Array, Array]:

@@ -37,6 +37,8 @@ Array = npt.NDArray[np.float64]
 Rows = npt.NDArray[np.int64]
 LONGEST_D = 30.0  # arcs on which range and rate are not what is unknown
 HALF_AU = -0.7
+FOLLOWED_KM_S = 3e4
+SEEN_MAG = (0.0, 40.0)  # other magnitudes stand for none, as 99.9 does
 MILD = 36.0  # chi squared of a record that moves the orbit by little, one of many
 BIAS_RAD = 0.2 * ARCSEC  # that a station's records of a night share, where nobody says otherwise
 
@@ -106,6 +108,8 @@ def tracklet_of(material: Material, records: Astrometry, mission: FitMission) ->
     bare = Tracklet.of(name, material.exposures, material.observed, forces, Columns.none(len(material)))
     conditional = Conditional(bare)
     state = conditional.states(conditional.first(np.array([HALF_AU]), np.zeros(1)))[0]
+    # a direction that leaps is followed faster than light; what the columns tell does not depend on it
+    state[3:] *= min(1.0, FOLLOWED_KM_S / float(np.linalg.norm(state[3:])))
     resolved = mission.of(name, material.names, epoch, state)
     span = (float(bare.exposures.t_s.min()) - SECONDS_PER_DAY, float(bare.exposures.t_s.max()) + 1.0)
     trajectory = follow(state, epoch, span, 0.0, forces, True)
@@ -118,7 +122,7 @@ def apparent_v(records: Astrometry) -> float | None:
     """The median V of the records; None where none states a magnitude of a known band."""
     correction = np.array([TO_V.get(str(band)[-1:], np.nan) for band in records.band])
     values = np.asarray(records.magnitude, dtype=np.float64) + correction
-    values = values[np.isfinite(values)]
+    values = values[(values > SEEN_MAG[0]) & (values < SEEN_MAG[1])]
     return float(np.median(values)) if len(values) else None
 
 

@@ -37,6 +37,9 @@ def read_folder_orbit(path: Path, estimator: str | None = None) -> UncertainOrbi
     """
     summary = read_object(path / "summary.json")
     require_version(path / "summary.json", summary, SCHEMA_VERSION)
+    kind = summary.get("kind")
+    if isinstance(kind, str) and kind != "fit":
+        raise InputError(f"{path}: is the answer of nebosvod {kind}, which holds no orbit; needs that of fit or run")
     arrays = read_arrays(path / "arrays.npz")
     with held_together(str(path)):
         return _orbit(path, summary, arrays, estimator)

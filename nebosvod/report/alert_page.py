@@ -9,6 +9,7 @@ import numpy.typing as npt
 from markupsafe import Markup
 
 from nebosvod.borders.stored import read_arrays, read_object
+from nebosvod.first_hour.tangent import Tangent, directions
 from nebosvod.impacts.chance import digits
 from nebosvod.report.kit.base import render
 from nebosvod.report.kit.chart import Chart
@@ -19,6 +20,8 @@ from nebosvod.report.kit.stamp import stamp_of
 from nebosvod.report.kit.wording import moment, number
 from nebosvod.report.kit.worldmap import Corridor, maps
 from nebosvod.report.run.tables import Cell, Table
+from nebosvod.results.alert_words import angle, duration, span
+from nebosvod.results.alert_words import arc as arc_words
 from nebosvod.timescale import Epoch
 
 Item = Mapping[str, Any]
@@ -35,6 +38,10 @@ QUANTITIES = {
 }  # fmt: skip
 MOST_FIELDS = 6
 PRIORS_AGREE = 0.2  # probabilities that differ by less, of 1 or of the largest, are called equal
+FACTOR, UNKNOWN = 1.15, 100.0  # of a range, from which it is said as a factor, and from which as its ends
+SQUEEZED = 1.3  # how much wider a picture may become by a hundredth of the drawn orbits
+PICTURED = 0.99  # of drawn orbits, that a picture of the sky holds where the others would widen it by more
+LEAP = 20.0  # times the usual step of a contour
 NOTED = 1e-3  # a probability from which the verdict is a caution
 
 
@@ -48,7 +55,8 @@ def make_alert_page(folder: Path) -> str:
         stamp=stamp_of(Path(folder)),
         title=summary["title"],
         summary=summary,
-        arc=_arc(summary["arc_h"]),
+        within=span(summary["within_d"]),
+        arc=arc_words(summary["arc_h"]),
         headline=_headline(summary),
         tone="caution" if summary["warnings"] or (summary["probability"] or 0.0) >= NOTED else "good",
         tiles=_tiles(summary),
@@ -65,10 +73,6 @@ def make_alert_page(folder: Path) -> str:
     )
 
 
-def _arc(hours: float) -> str:
-    return f"{60.0 * hours:.0f} min" if hours < 2.0 else f"{hours:.1f} h" if hours < 48.0 else f"{hours / 24.0:.1f} d"
-
-
 def _chance(row: Item) -> Cell:
     """A probability with its interval, or the bound."""
     if row["bound"]:
@@ -79,24 +83,32 @@ def _chance(row: Item) -> Cell:
 
 def _headline(summary: Item) -> Cell:
     """The answer in a line."""
-    return Markup("Probability to hit the Earth within {} days: {}").format(
-        f"{summary['within_d']:g}", _chance(summary)
-    )
+    return Markup("Probability to hit the Earth within {}: {}").format(span(summary["within_d"]), _chance(summary))
 
 
 def _tiles(summary: Item) -> list[tuple[str, Cell]]:
     """The numbers a reader looks for."""
     quantities = summary["quantities"]
-    tiles: list[tuple[str, Cell]] = [("probability, 95 %", _chance(summary))]
+    tiles: list[tuple[str, Cell]] = []
     fall = summary["impact"]
     if fall is not None:
-        when = Markup("{} ± {} s").format(moment(fall["epoch_utc"]), number(fall["half_68_s"], 2))
+        when = Markup("{} ± {}").format(moment(fall["epoch_utc"]), duration(fall["half_68_s"]))
         tiles.append(("if it hits, 68 %", when))
-    best = quantities["range_au"]
-    tiles.append(("range, 68 %", f"{number(best['q16'], 5)} to {number(best['q84'], 5)} au"))
+    tiles.append(("range, 68 %", _range(quantities["range_au"])))
     if size := quantities.get("diameter_m"):
-        tiles.append(("diameter, 68 %", f"{number(size['q16'], 2)} to {number(size['q84'], 2)} m"))
+        ends = dict.fromkeys(number(size[name], 2) for name in ("q16", "q84"))
+        tiles.append(("diameter, 68 %", f"{' to '.join(ends)} m"))
     return tiles
+
+
+def _range(best: Item) -> Cell:
+    """The range as far as it is known: within so many percent, or within a factor."""
+    factor = max(best["q84"] / best["median"], best["median"] / best["q16"])
+    if factor < FACTOR:
+        return Markup("{} au ± {} %").format(number(best["median"], 3), number(100.0 * (factor - 1.0), 2))
+    if factor < UNKNOWN:
+        return Markup("{} au within a factor of {}").format(number(best["median"], 3), number(factor, 2))
+    return Markup("{} to {} au").format(number(best["q16"], 1), number(best["q84"], 1))
 
 
 def _answers(summary: Item) -> list[tuple[str, list[Cell]]]:
@@ -104,7 +116,11 @@ def _answers(summary: Item) -> list[tuple[str, list[Cell]]]:
     said: list[tuple[str, list[Cell]]] = [("How accurate", [_sentence(summary["message"])])]
     chances = [row["probability"] or 0.0 for row in summary["by_prior"].values()]
     low, high = min(chances), max(chances)
-    if high > 0.0:
+    if summary["bound"]:
+        hits = summary["hits"]
+        why = f"{hits} drawn orbits hit, and weigh next to nothing" if hits else "no drawn orbit hits"
+        said.append(("Can it be believed", [f"It is a bound (95 %) and no estimate: {why}."]))
+    elif high > 0.0:
         apart = high - low > PRIORS_AGREE and low < (1.0 - PRIORS_AGREE) * high
         told = (
             f"With caution: the prior decides, from {number(low, 2)} to {number(high, 2)}" if apart
@@ -121,8 +137,8 @@ def _answers(summary: Item) -> list[tuple[str, list[Cell]]]:
     elif summary["fields"]:
         first = summary["fields"][0]
         said.append(("What would help", [
-            Markup("One more observation: {} sees it at RA {:.3f}°, Dec {:+.3f}° ± {} arcsec (1σ), {}.").format(
-                first["telescope"], first["ra_deg"], first["dec_deg"], number(first["semi_major_arcsec"], 2),
+            Markup("One more observation: {} sees it at RA {:.3f}°, Dec {:+.3f}° ± {} (1σ), {}.").format(
+                first["telescope"], first["ra_deg"], first["dec_deg"], angle(first["semi_major_arcsec"], "°"),
                 moment(first["epoch_utc"]))
         ]))  # fmt: skip
     return said
@@ -153,10 +169,10 @@ def _plane(summary: Item, arrays: Arrays) -> Plate:
         ((level >= 0.68) & (level < 0.95), "within 95 %", SKY, 2.4),
         (level < 0.68, "within 68 %", BLUE, 3.0),
     )  # fmt: skip
+    few = thin(len(hit_x), 400)  # below the nodes, which they would hide
+    panel.dots(hit_x[few], hit_y[few], "P", "hits the Earth", color=VERMILION, size=3.0)
     for chosen, name, color, size in parts:
         panel.dots(x[chosen], y[chosen], "o", name, color=color, size=size)
-    few = thin(len(hit_x), 400)
-    panel.dots(hit_x[few], hit_y[few], "P", "hits the Earth", color=VERMILION, size=3.0)
     panel.unclip()
     panel.close()
     entries: list[tuple[str, str, dict[str, Any]]] = [
@@ -167,6 +183,8 @@ def _plane(summary: Item, arrays: Arrays) -> Plate:
     entries.append(("line", "bound", {"stroke": GREY, "stroke_width": 1.0, "stroke_dasharray": "6 4"}))
     chart.height = chart.legend(entries, 292.0) + 4.0
     caption = Markup("Nodes of the grid by the part of the posterior that is denser; prior uniform in range and rate.")
+    if hit.any():
+        caption += " More orbits were drawn where some hit: how many crosses there are is no probability."
     columns = {"range_au": x, "rate_km_s": y, "weight": arrays["node_weight_uniform"], "denser": level}
     return chart.plate("Range and range rate", caption, [csv("grid", columns)])
 
@@ -202,30 +220,36 @@ def _field(row: Item, psi: Array, k: int) -> Plate:
     edges = {
         share: [_offsets(np.array(edge), centre) for edge in lines] for share, lines in row["contours_deg"].items()
     }
-    both = np.concatenate([points, *(edge for lines in edges.values() for edge in lines)])
-    wide = float(np.ptp(both, axis=0).max())
+    both = np.concatenate([_pictured(points), *(edge for lines in edges.values() for edge in lines)])
+    low, high = both.min(axis=0), both.max(axis=0)
+    away = int(((points < low) | (points > high)).any(axis=1).sum())
+    wide = float((high - low).max())
     factor, unit = (3600.0, "arcsec") if wide < 0.1 else (60.0, "arcmin") if wide < 3.0 else (1.0, "deg")
     ra, dec = factor * points.T
     edges = {share: [factor * edge for edge in lines] for share, lines in edges.items()}
     chart = Chart(f"field-{k}", height=290.0)
     panel = chart.panel(
-        linear(factor * both[:, 0], f"RA cos Dec from the mean, {unit}").reversed(),
-        linear(factor * both[:, 1], f"Dec from the mean, {unit}"), top=8.0, bottom=215.0,
+        linear(factor * both[:, 0], f"east of the mean, {unit}").reversed(),
+        linear(factor * both[:, 1], f"north of the mean, {unit}"), top=8.0, bottom=215.0,
     )  # fmt: skip
     panel.open()
+    panel.clip()
     panel.dots(ra, dec, "o", "drawn orbit", color=GREY, size=1.4)
     for share, color in (("95", SKY), ("68", BLUE)):
         for edge in edges.get(share, []):
-            panel.line(edge[:, 0], edge[:, 1], f"{share} %", stroke=color, stroke_width=1.6)
+            for piece in _pieces(edge):
+                panel.line(piece[:, 0], piece[:, 1], f"{share} %", stroke=color, stroke_width=1.6)
+    panel.unclip()
     panel.close()
     entries: list[tuple[str, str, dict[str, Any]]] = [
         ("line", "68 %", {"stroke": BLUE, "stroke_width": 1.6}), ("line", "95 %", {"stroke": SKY, "stroke_width": 1.6}),
         ("o", "drawn orbit", {"color": GREY, "size": 1.4}),
     ]  # fmt: skip
     chart.height = chart.legend(entries, 257.0) + 4.0
-    caption = Markup("{} from {}{}").format(
-        moment(row["epoch_utc"]), row["telescope"], "" if row["V"] is None else f", V about {row['V']:.1f}"
-    )
+    caption = Markup("{} from {}{}{}").format(
+        moment(row["epoch_utc"]), row["telescope"], "" if row["V"] is None else f", V about {row['V']:.1f}",
+        f"; {away} of {len(points)} drawn orbits lie outside of the picture" if away else "",
+    )  # fmt: skip
     return chart.plate(
         f"The sky at {row['epoch_utc'][:16]}",
         caption,
@@ -233,10 +257,26 @@ def _field(row: Item, psi: Array, k: int) -> Plate:
     )
 
 
-def _offsets(places: Array, centre: Array) -> Array:
-    """From a place (2,) to others (n, 2), RA cos Dec and Dec, deg."""
-    ra = (places[:, 0] - centre[0] + 180.0) % 360.0 - 180.0
-    return np.stack([ra * np.cos(np.radians(centre[1])), places[:, 1] - centre[1]], axis=1)
+def _pictured(points: Array) -> Array:
+    """Points (m, 2) without those few that lie so far out that the others would be squeezed."""
+    away = np.abs(points - np.median(points, axis=0))
+    far = np.max(away / np.maximum(np.quantile(away, 0.68, axis=0), 1e-12), axis=1)
+    near = points[far <= np.quantile(far, PICTURED)]
+    squeezed = (np.ptp(points, axis=0) > SQUEEZED * np.ptp(near, axis=0)).any()
+    return near if squeezed else points
+
+
+def _offsets(places_deg: Array, centre_deg: Array) -> Array:
+    """Angles (n, 2) to the east and north of a place (2,) to others, deg: on the whole sky, and across 0 h."""
+    about = Tangent.about(directions(np.radians(centre_deg[None])))
+    return np.degrees(about.onto(directions(np.radians(places_deg))))
+
+
+def _pieces(edge: Array) -> list[Array]:
+    """A closed line (k, 2), parted where it leaves the plane on one side and comes back on the other."""
+    steps = np.linalg.norm(np.diff(edge, axis=0), axis=1)
+    leaps = np.flatnonzero(steps > LEAP * max(float(np.median(steps)), 0.01 * float(np.ptp(edge, axis=0).max())))
+    return [piece for piece in np.split(edge, leaps + 1) if len(piece) > 1]
 
 
 def _fields(rows: Sequence[Item]) -> Table | None:
@@ -246,12 +286,12 @@ def _fields(rows: Sequence[Item]) -> Table | None:
     body = tuple(
         (
             row["epoch_utc"][:16].replace("T", " "), row["telescope"], f"{row['ra_deg']:.4f}", f"{row['dec_deg']:.4f}",
-            f"{number(row['semi_major_arcsec'])} × {number(row['semi_minor_arcsec'])}",
+            f"{angle(row['semi_major_arcsec'], '°')} × {angle(row['semi_minor_arcsec'], '°')}",
             "–" if row["V"] is None else f"{row['V']:.1f}",
         )
         for row in rows
     )  # fmt: skip
-    head = ("UTC", "from", "RA, deg", "Dec, deg", "spread, 1σ, arcsec", "V")
+    head = ("UTC", "from", "RA, deg", "Dec, deg", "spread, 1σ", "V")
     return Table(caption=Markup("Mean place of the drawn orbits, ICRF."), head=head, rows=body, align="llrrrr")
 
 
@@ -280,7 +320,10 @@ def _history(rows: Sequence[Item]) -> Plate:
     t = np.array([Epoch.parse(row["epoch_utc"]) - start for row in rows]) / 3600.0
     chart = Chart("chances-by-time", height=300.0)
     panel = chart.panel(
-        linear(t, "h after the first of these"), linear([0.0, 1.0], "probability of impact"), top=8.0, bottom=225.0
+        linear(t, f"h after {rows[0]['epoch_utc'][:16].replace('T', ' ')} UTC"),
+        linear([0.0, 1.0], "probability of impact"),
+        top=8.0,
+        bottom=225.0,
     )
     panel.open()
     columns: dict[str, Any] = {

@@ -20,6 +20,7 @@ from nebosvod.timescale import SECONDS_PER_DAY, Epoch
 
 SCHEMA_VERSION = 1
 KINDS = ("ephemeris", "approaches", "risk")
+UNCOMPARED = ("alert",)
 MOST_FOLDERS = 20
 SAME_S = 0.001  # times of ephemerides nearer than this are one
 NEAR_D = 5.0  # approaches farther apart than this, and than five sigmas, are two
@@ -53,12 +54,15 @@ def kind_of_folders(folders: Sequence[Path]) -> str | None:
     Raises
     ------
     InputError
-        If they are of several kinds.
+        If they are of several kinds, or of one that is not compared.
     """
     kinds = []
     for folder in folders:
         path = folder / "summary.json"
         kinds.append(read_object(path).get("kind") if path.is_file() and not path.is_symlink() else None)
+    for folder, kind in zip(folders, kinds, strict=True):
+        if kind in UNCOMPARED:
+            raise InputError(f"compare: {folder}: is the answer of nebosvod {kind}, of which no two are compared")
     ours = [kind for kind in kinds if kind in KINDS]
     if ours and len(set(map(str, kinds))) > 1:
         said = ", ".join(f"{folder}: {kind or 'run'}" for folder, kind in zip(folders, kinds, strict=True))

@@ -1,6 +1,8 @@
 """`nebosvod alert`: the answer on the terminal and in folders, and what it says where there is none."""
 
 import json
+import re
+import shutil
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -10,6 +12,7 @@ import numpy as np
 import pytest
 
 from nebosvod.cli import main
+from nebosvod.report.alert_page import make_alert_page
 from nebosvod.results.folder import SCHEMAS
 from nebosvod.timescale import Epoch
 
@@ -157,6 +160,9 @@ def test_two_observations_tell_of_the_prior_alone_and_it_is_said(
         (["--from-site", "ZZZ"], "an observer is"),
         (["--split", "--history"], "--split:"),
         (["--to", "2018-06-02T08:00"], "--to:"),
+        (["--by", "G96"], "--by G96: chooses telescopes of a mission"),
+        (["--hours", "1e9"], "numbers from 0 to 87600"),
+        (["--hours", "nan"], "numbers from 0 to 87600"),
     ],
 )
 def test_wrong_options_are_named(
@@ -264,3 +270,137 @@ def test_several_objects_are_named_where_one_is_asked_for(tmp_path: Path, capsys
     (tmp_path / "mixed.obs80").write_text(mixed)
     assert main(["alert", str(tmp_path / "mixed.obs80")]) == 2
     assert "2018 LB" in capsys.readouterr().err
+
+
+# four directions that circle the pole in 20 minutes, as of a satellite: least squares find no start that can be flown
+POLE = "".join(
+    f"{row[:32]}{f'{5 * k % 24:02d} 11 10.34 +89 59 {34.9 + 5 * k:04.1f}':<24}{row[56:]}\n"
+    for k, row in enumerate(LA.splitlines())
+)
+
+
+@pytest.mark.parametrize("split", [False, True])
+def test_a_fit_without_any_orbit_is_answered_by_its_first_hour(
+    split: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """With why there is no orbit, and without the hint to try least squares, which were."""
+    (tmp_path / "pole.obs80").write_text(POLE)
+    options = ["--split"] if split else []
+    assert main(["fit", str(tmp_path / "pole.obs80"), *options, "-o", str(tmp_path / "out")]) == 0
+    said = capsys.readouterr()
+    assert "no orbit by least squares: no starting orbit can be followed over the arc" in said.err
+    assert "P < " in said.out if split else "Probability to hit the Earth within 100 days: below" in said.out
+    assert "nebosvod fit" not in said.out
+    folder = tmp_path / "out" / "2018-LA" if split else tmp_path / "out"
+    assert summary_of(folder)["kind"] == "alert"
+    assert str(folder) in said.out
+
+
+def test_directions_that_leap_and_magnitudes_that_are_none(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Faster than light at half an au ended in a sentence about an integrated span; 99.9 gave an H of 111."""
+    leaps = [f"{7 * k % 24:02d} 11 10.34 {'+-'[k % 2]}{20 * k:02d} 19 34.9" for k in range(4)]
+    text = "".join(f"{row[:32]}{leap:<24}{row[56:]}\n" for row, leap in zip(LA.splitlines()[:3], leaps, strict=False))
+    (tmp_path / "leaps.obs80").write_text(text)
+    assert main(["alert", str(tmp_path / "leaps.obs80")]) == 1
+    assert "see whether they are all of one object" in capsys.readouterr().err
+    (tmp_path / "none.obs80").write_text("".join(f"{row[:65]}99.9 V{row[71:]}\n" for row in LA.splitlines()))
+    assert main(["alert", str(tmp_path / "none.obs80"), "--hours", "1", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["V"] is None
+    assert "H" not in found["quantities"]
+
+
+def test_a_time_shorter_than_the_hours_asked_for_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "la.obs80").write_text(LA)
+    assert main(["alert", str(tmp_path / "la.obs80"), "--within", "2 h", "--hours", "1,3"]) == 0
+    said = capsys.readouterr()
+    assert "Probability to hit the Earth within 2 h: below" in said.out
+    assert "--hours 3: left out, after the 2 h in which an impact counts" in said.err
+
+
+def test_a_mission_is_one_object(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["alert", "first-hours", "--split"]) == 2
+    assert "--split: first-hours is a mission" in capsys.readouterr().err
+
+
+def test_what_many_objects_have_in_common_is_said_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rows = "".join(f"{row}\n" for row in LA.splitlines()[:2])
+    (tmp_path / "night.obs80").write_text(rows + rows.replace("K18L00A", "K18L00B"))
+    assert main(["alert", str(tmp_path / "night.obs80"), "--split", "--hours", "1"]) == 0
+    assert capsys.readouterr().err.count("two observations tell a direction and a motion") == 1
+
+
+def test_an_answer_of_an_earlier_program_is_refused_by_what_it_lacks(
+    answer: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "earlier"
+    shutil.copytree(answer, folder)
+    summary = summary_of(folder)
+    del summary["impact"]["contours_deg"]
+    (folder / "summary.json").write_text(json.dumps(summary))
+    assert main(["report", str(folder)]) == 2
+    assert "impact.contours_deg: the file lacks it; make the run again" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("command", "words"),
+    [
+        (["compare", "FOLDER", "FOLDER"], "of which no two are compared"),
+        (["ephemeris", "FOLDER", "--from", "2018-06-02", "--to", "2018-06-03"], "holds no orbit"),
+        (["risk", "FOLDER", "--until", "2020-01-01"], "holds no orbit"),
+    ],
+)
+def test_who_cannot_use_an_answer_says_so(
+    command: list[str], words: str, answer: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([str(answer) if word == "FOLDER" else word for word in command]) == 2
+    assert words in capsys.readouterr().err
+
+
+def numbers_of(page: str, figure: str) -> list[float]:
+    """Those of the paths of a figure."""
+    found = re.search(rf'id="{figure}".*?</svg>', page, re.DOTALL)
+    assert found is not None
+    numbers = [
+        float(number) for path in re.findall(r' d="([^"]*)"', found[0]) for number in re.findall(r"-?[\d.]+", path)
+    ]
+    assert len(numbers) > 500
+    return numbers
+
+
+def test_a_picture_of_the_sky_knows_no_0_h_and_is_squeezed_by_nobody(answer: Path, tmp_path: Path) -> None:
+    """Turned about the pole to 0 h it is the same; with one orbit 20 deg away, too, and the caption tells."""
+    page = make_alert_page(answer)
+    folder = tmp_path / "turned"
+    shutil.copytree(answer, folder)
+    summary = summary_of(folder)
+    field = summary["fields"][0]
+    turn = field["ra_deg"]
+    field["ra_deg"] = 0.0
+    for edges in field["contours_deg"].values():
+        for edge in edges:
+            for point in edge:
+                point[0] = (point[0] - turn) % 360.0
+    with np.load(folder / "arrays.npz") as stored:
+        arrays = dict(stored)
+    arrays["field_psi_0"][:, 0] = (arrays["field_psi_0"][:, 0] - np.radians(turn)) % (2.0 * np.pi)
+    (folder / "summary.json").write_text(json.dumps(summary))
+    np.savez(folder / "arrays.npz", **arrays)
+    turned = make_alert_page(folder)
+    np.testing.assert_allclose(numbers_of(turned, "field-0"), numbers_of(page, "field-0"), atol=0.1)
+    arrays["field_psi_0"][7] += np.radians(20.0)
+    np.savez(folder / "arrays.npz", **arrays)
+    spoiled = make_alert_page(folder)
+    outside = r"(\d) of 300 drawn orbits lie outside of the picture"
+    told, before = ([int(n) for n in re.findall(outside, text)] for text in (spoiled, turned))
+    assert sum(told) == sum(before) + 1
+    lines = len(numbers_of(turned, "field-0")) - len(numbers_of(spoiled, "field-0"))
+    assert abs(lines) < 10  # of a dot
+
+
+def test_the_head_of_the_page_tells_each_number_once(answer: Path) -> None:
+    head = make_alert_page(answer).split('id="verdict"')[1].split("</section>")[0]
+    best = summary_of(answer)["quantities"]["range_au"]
+    assert head.count("0.174 (0.142 to 0.208)") == 1
+    assert f"{best['median']:.3g} au within a factor of 1.7" in head
+    assert "probability, 95 %" not in head
