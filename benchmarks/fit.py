@@ -107,7 +107,8 @@ def many(forces: ForceModel, objects: int, observations: int, years: float, give
     mission = mission_of(["made"])
     start, cpu, good = time.perf_counter(), time.process_time(), 0
     for number, (records, state) in enumerate(zip(parts, starts), start=1):
-        asked = mission.of(records.objects[0], (), EPOCH, state) if given else mission
+        orbit = mission.of(records.objects[0], (), EPOCH, state).orbit if given else None
+        asked = mission.standing_for(object=mission.object.model_copy(update={"orbit": orbit}))
         found = answer(fit_object(records, asked, forces.ephemeris))
         summarise(found)
         good += not found.fit.verdict.failed

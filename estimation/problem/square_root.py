@@ -20,6 +20,7 @@ EPS = float(np.finfo(np.float64).eps)
 ALIKE = 64.0  # rows and columns of a matrix whose largest elements differ less need no balancing
 STACKED = 16  # chunks of rows that are reduced in one call
 SMALL = 240_000  # multiplications of real numbers for which OpenBLAS wakes no threads (it does from 262,144 on)
+LEAST_COLUMNS = 4  # of a product taken some columns at a time; in fewer, rows are added up
 OBSERVABLE_CONDITION = 1e13  # above this the smallest singular value is round-off of the largest
 
 
@@ -113,7 +114,7 @@ def append_rows(triangle: Array, rows: Array, chunk: int = 256) -> Array:
 
 
 def products(left: npt.NDArray[N], right: npt.NDArray[N]) -> npt.NDArray[N]:
-    """left^T right for tall matrices (m, a) and (m, b), some rows at a time.
+    """left^T right for matrices (m, a) and (m, b), some columns at a time, or of tall ones some rows.
 
     A library of linear algebra wakes all threads for a large product, which costs twenty times the work itself on a
     busy machine. Complex ones wake them sooner: they are taken as products of real and imaginary parts side by side.
@@ -122,6 +123,10 @@ def products(left: npt.NDArray[N], right: npt.NDArray[N]) -> npt.NDArray[N]:
         a, b = left.shape[1], right.shape[1]
         parts = products(np.hstack([left.real, left.imag]), np.hstack([right.real, right.imag]))
         return np.asarray(parts[:a, :b] - parts[a:, b:] + 1j * (parts[:a, b:] + parts[a:, :b]))
+    columns = SMALL // max(left.size, 1)
+    if columns >= LEAST_COLUMNS:
+        some = range(0, right.shape[1], columns)
+        return np.hstack([left.T @ right[:, first : first + columns] for first in some] or [left.T @ right])
     rows = max(SMALL // max(left.shape[1] * right.shape[1], 1), 1)
     out = left[:rows].T @ right[:rows]
     for start in range(rows, len(left), rows):
