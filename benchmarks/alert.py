@@ -65,7 +65,7 @@ def made(kind: str, seed: int, ephemeris: Ephemeris) -> Tracklet:
     bare = Tracklet.of(kind, exposures, psi, ForceModel(ephemeris=ephemeris), Columns.none(n), V)
     conditional = Conditional(bare)
     truth = np.array([[np.log(rho), rate, 0.0, 0.0, *(np.array(across) / rho / AU_KM)]])
-    seen = conditional.sight.see(conditional.sight.fly(conditional.states(truth), np.array([rho * AU_KM])))
+    seen = conditional.sight.see(conditional.sight.fly(conditional.states(truth)))
     noise = 0.2 * ARCSEC * rng.standard_normal((n, 2))
     moved = (noise - seen.residual[0]) / np.stack([np.cos(psi[:, 1]), np.ones(n)], axis=1)
     return Tracklet.of(kind, exposures, psi + moved, bare.forces, bare.columns, V)
