@@ -4,7 +4,7 @@ The four numbers of an attributable are offsets from the direction observed at t
 their rates, all of the observer at that time. Range is that of the same moment, without light time.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -193,7 +193,7 @@ class Conditional:
         log_noise = -np.log(np.einsum("mnii->mni", W)).sum(axis=(1, 2))  # half the log determinant of R
         white = np.where(finite[:, None, None], np.einsum("mnij,mnj->mni", W, base.residual), 0.0).reshape(m, -1)
         rows = np.concatenate([np.where(finite[:, None, None, None], part, 0.0) for part in (H, J)], axis=3)
-        A = np.einsum("mnij,mnjp->mnip", W, rows).reshape(m, 2 * n, -1)
+        A = (W @ rows).reshape(m, 2 * n, -1)
         k, r = len(columns.mean), len(columns.information)
         known = np.zeros((m, r, A.shape[2]))
         known[:, :, :k] = columns.information
@@ -247,11 +247,10 @@ class Conditional:
             late = np.repeat(np.einsum("nk,mk->mn", columns.clock, u), 7, axis=0)
         if k and columns.place.any():
             displaced = np.repeat(np.einsum("nik,mk->mni", columns.place, u), 7, axis=0)
-        seen = self.sight.see(flown, late, displaced)
+        seen = self.sight.see(flown, late, displaced, every=7)
         residual = seen.residual.reshape(m, 7, -1, 2)
         J = ((residual[:, :1] - residual[:, 1:]) / steps[:, :, None, None]).transpose(0, 2, 3, 1)
-        of_first = {name: getattr(seen, name)[::7] for name in ("rate", "across", "from_earth_km")}
-        base = Seen(residual=residual[:, 0] - np.einsum("nik,mk->mni", columns.bias, u), **of_first)
+        base = replace(seen, residual=residual[:, 0] - np.einsum("nik,mk->mni", columns.bias, u))
         H = (
             columns.bias[None]
             + base.rate[..., None] * columns.clock[None, :, None, :]

@@ -199,10 +199,10 @@ def _nearest_by_the_sun(tracklet: Tracklet, states: Array, within_d: float) -> A
     least = np.empty(len(states))
     for part in np.array_split(np.arange(len(states)), max(len(states) // 500, 1)):
         gap = fly_by_the_sun(states[part, None], t_s[None], gm) - earth
-        step = np.zeros(gap.shape[:2])
         r, v = gap[..., :3], gap[..., 3:]
-        step = np.clip(-np.sum(r * v, axis=-1) / np.sum(v * v, axis=-1), -LOOK_S, LOOK_S)
-        least[part] = np.linalg.norm(r + step[..., None] * v, axis=-1).min(axis=1)
+        rr, rv, vv = (np.einsum("...i,...i->...", a, b) for a, b in ((r, r), (r, v), (v, v)))
+        step = np.clip(-rv / vv, -LOOK_S, LOOK_S)
+        least[part] = np.sqrt(np.maximum(rr + step * (2.0 * rv + step * vv), 0.0).min(axis=1))
     return np.where(np.isfinite(least), least, 0.0)
 
 
