@@ -15,7 +15,7 @@ from nebosvod.report.kit.base import render
 from nebosvod.report.kit.chart import Chart
 from nebosvod.report.kit.download import csv
 from nebosvod.report.kit.plate import BLUE, GREEN, GREY, SKY, VERMILION, Plate, thin
-from nebosvod.report.kit.scale import linear, logarithmic
+from nebosvod.report.kit.scale import Scale, linear, logarithmic
 from nebosvod.report.kit.stamp import stamp_of
 from nebosvod.report.kit.wording import moment, number
 from nebosvod.report.kit.worldmap import Corridor, maps
@@ -38,9 +38,10 @@ QUANTITIES = {
 }  # fmt: skip
 MOST_FIELDS = 6
 PRIORS_AGREE = 0.2  # probabilities that differ by less, of 1 or of the largest, are called equal
-FACTOR, UNKNOWN = 1.15, 100.0  # of a range, from which it is said as a factor, and from which as its ends
+UNKNOWN = 100.0  # factor within which a range is, from which its ends are said
 SQUEEZED = 1.3  # how much wider a picture may become by a hundredth of the drawn orbits
 PICTURED = 0.99  # of drawn orbits, that a picture of the sky holds where the others would widen it by more
+DASHED: dict[str, Any] = {"stroke": GREY, "stroke_width": 1.0, "stroke_dasharray": "6 4"}
 LEAP = 20.0  # times the usual step of a contour
 NOTED = 1e-3  # a probability from which the verdict is a caution
 
@@ -94,18 +95,21 @@ def _tiles(summary: Item) -> list[tuple[str, Cell]]:
     if fall is not None:
         when = Markup("{} ± {}").format(moment(fall["epoch_utc"]), duration(fall["half_68_s"]))
         tiles.append(("if it hits, 68 %", when))
-    tiles.append(("range, 68 %", _range(quantities["range_au"])))
+    tiles.append(("range, 68 %", _range(summary)))
     if size := quantities.get("diameter_m"):
-        ends = dict.fromkeys(number(size[name], 2) for name in ("q16", "q84"))
-        tiles.append(("diameter, 68 %", f"{' to '.join(ends)} m"))
+        factor, unit = (1e-3, "km") if size["q84"] >= 1000.0 else (1.0, "m")
+        ends = dict.fromkeys(number(factor * size[name], 2) for name in ("q16", "q84"))
+        tiles.append(("diameter, 68 %", f"{' to '.join(ends)} {unit}"))
     return tiles
 
 
-def _range(best: Item) -> Cell:
+def _range(summary: Item) -> Cell:
     """The range as far as it is known: within so many percent, or within a factor."""
+    best = summary["quantities"]["range_au"]
     factor = max(best["q84"] / best["median"], best["median"] / best["q16"])
-    if factor < FACTOR:
-        return Markup("{} au ± {} %").format(number(best["median"], 3), number(100.0 * (factor - 1.0), 2))
+    if summary["orbit_status"] == "observable":
+        percent = number(100.0 * summary["grid"]["sigma_log_range"], 2)
+        return Markup("{} au ± {} %").format(number(best["median"], 3), percent)
     if factor < UNKNOWN:
         return Markup("{} au within a factor of {}").format(number(best["median"], 3), number(factor, 2))
     return Markup("{} to {} au").format(number(best["q16"], 1), number(best["q84"], 1))
@@ -152,18 +156,15 @@ def _plane(summary: Item, arrays: Arrays) -> Plate:
     """Nodes of the grid in the plane of range and range rate, the bounds, and the drawn orbits that hit."""
     x, y, level = np.exp(arrays["node_ln_range_au"]), arrays["node_rate_km_s"], arrays["node_level"]
     shown = level < 0.9999
-    hit = (arrays["draw_body"] == "earth") & (arrays["draw_weight_uniform"] > 0.0)
-    hit_x, hit_y = np.exp(arrays["draw_ln_range_au"][hit]), arrays["draw_rate_km_s"][hit]
     across, up = logarithmic(x[shown], "range, au"), linear(y[shown], "range rate, km/s")
+    hit_x, hit_y = _hits(arrays, across, up)
+    bounds = [(np.exp(arrays["bound_ln_range_au"]), rate) for rate in arrays["bound_rate_km_s"].T]
     chart = Chart("plane", height=330.0)
     panel = chart.panel(across, up, top=8.0, bottom=250.0)
     panel.open()
     panel.clip()
-    for column in (0, 1):
-        panel.line(
-            np.exp(arrays["bound_ln_range_au"]), arrays["bound_rate_km_s"][:, column], "bound of the region",
-            stroke=GREY, stroke_width=1.0, stroke_dasharray="6 4",
-        )  # fmt: skip
+    for ranges, rates in bounds:
+        panel.line(ranges, rates, "bound of the region", **DASHED)
     parts = (
         (shown & (level >= 0.95), "outside of 95 %", GREY, 1.6),
         ((level >= 0.68) & (level < 0.95), "within 95 %", SKY, 2.4),
@@ -178,15 +179,31 @@ def _plane(summary: Item, arrays: Arrays) -> Plate:
     entries: list[tuple[str, str, dict[str, Any]]] = [
         ("o", name, {"color": color, "size": size}) for _, name, color, size in parts
     ]
-    if hit.any():
+    if hit_x.size:
         entries.append(("P", "drawn orbit that hits", {"color": VERMILION, "size": 3.0}))
-    entries.append(("line", "bound", {"stroke": GREY, "stroke_width": 1.0, "stroke_dasharray": "6 4"}))
+    if any(_inside(ranges, rates, across, up).any() for ranges, rates in bounds):
+        entries.append(("line", "bound", DASHED))
     chart.height = chart.legend(entries, 292.0) + 4.0
     caption = Markup("Nodes of the grid by the part of the posterior that is denser; prior uniform in range and rate.")
-    if hit.any():
+    if hit_x.size:
         caption += " More orbits were drawn where some hit: how many crosses there are is no probability."
     columns = {"range_au": x, "rate_km_s": y, "weight": arrays["node_weight_uniform"], "denser": level}
     return chart.plate("Range and range rate", caption, [csv("grid", columns)])
+
+
+def _hits(arrays: Arrays, across: Scale, up: Scale) -> tuple[Array, Array]:
+    """Range and range rate of the drawn orbits that hit the Earth, of those in the picture."""
+    hit = (arrays["draw_body"] == "earth") & (arrays["draw_weight_uniform"] > 0.0)
+    x, y = np.exp(arrays["draw_ln_range_au"][hit]), arrays["draw_rate_km_s"][hit]
+    inside = _inside(x, y, across, up)
+    return x[inside], y[inside]
+
+
+def _inside(x: Array, y: Array, across: Scale, up: Scale) -> npt.NDArray[np.bool_]:
+    """Which points lie in a picture."""
+    with np.errstate(invalid="ignore"):
+        found: npt.NDArray[np.bool_] = (x >= across.low) & (x <= across.high) & (y >= up.low) & (y <= up.high)
+    return found
 
 
 def _chances(summary: Item) -> Table:
