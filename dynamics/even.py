@@ -24,6 +24,7 @@ Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
 Flags = npt.NDArray[np.bool_]
 COUNTS = (1, 4, 16, 64, 256)  # of steps, tried in turn
+ROOM = 16  # records of low steps for each orbit
 LONGEST_S = 5.0 * 86400.0  # of a step
 
 
@@ -107,10 +108,10 @@ class EvenSteps:
 
     def _on(self, level: _Level, starts: Array) -> tuple[Array, Flags]:
         """The same of starts above every surface, on some steps."""
-        m, steps = len(starts), len(level.table.steps.rows)
+        m = len(starts)
         watch = Watch(
             np.empty(0, np.int64), np.empty(0), np.empty(0), (LOW * self.radius_km) ** 2, (STOP * self.radius_km) ** 2,
-            np.empty((m, 0)), np.empty((len(self.radius_km) * m * steps, RECORD)), np.zeros(1, np.int64),
+            np.empty((m, 0)), np.empty((ROOM * m, RECORD)), np.zeros(1, np.int64),
             np.zeros((m, 8)),
         )  # fmt: skip
         states = np.full((m, len(self.t_s), 6), np.nan)
@@ -125,5 +126,7 @@ class EvenSteps:
         np.minimum.at(low_from, low[:, 0].astype(np.int64), np.abs(low[:, 3]))
         after, t_s = low_to[:, None] <= np.abs(self.t_s), np.abs(self.t_s)
         states[after] = np.nan
+        if watch.written[0] > len(watch.records):  # nobody knows whose the others are
+            return states, np.zeros(m, dtype=np.bool_)
         unclear = ((low_from[:, None] <= t_s) & ~after).any(axis=1)
         return states, (down | np.isfinite(samples.tide)) & ~unclear
