@@ -14,8 +14,9 @@ from nebosvod.first_hour.corridor import Corridor, corridor
 from nebosvod.first_hour.draws import Draws
 from nebosvod.first_hour.equivalent import block, wide
 from nebosvod.first_hour.falls import WITHIN_D, Chance, Falls, chance, fall
-from nebosvod.first_hour.grid import ENOUGH, HEADLINE, Grid, grid_of
+from nebosvod.first_hour.grid import ENOUGH, HEADLINE, Grid
 from nebosvod.first_hour.look import Field, fields_of
+from nebosvod.first_hour.nights import grid_of_all
 from nebosvod.first_hour.posterior import Numbers, numbers
 from nebosvod.first_hour.region import Region
 from nebosvod.first_hour.tracklet import Tracklet
@@ -116,7 +117,7 @@ def alert(
     """
     rng = np.random.default_rng(np.random.SeedSequence(question.seed))
     few = condensed(tracklet, question.region) if few is None else few
-    grid = grid_of(Conditional(few.tracklet), question.region)
+    grid = grid_of_all(Conditional(few.tracklet), question.region)
     falls = fall(grid, question.within_d, rng)
     asked = np.empty(0) if after_s is None else float(tracklet.exposures.t_s.max()) + np.asarray(after_s)
     asked = asked[asked < question.within_d * DAY_S]

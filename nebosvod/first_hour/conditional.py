@@ -171,6 +171,12 @@ class Conditional:
             range_sigma=joined["range_sigma"], drift=joined["drift"],
         )  # fmt: skip
 
+    def misses(self, x: Array) -> Array:
+        """Sums of squares (m,) of what orbits at coordinates (m, 6) miss the records by, rad^2; inf after a fall."""
+        seen = self.sight.see(self.sight.fly(self.states(x)))
+        found: Array = np.nan_to_num(np.sum(seen.residual**2, axis=(1, 2)), nan=np.inf)
+        return found
+
     def whitened(self, x: Array, u: Array) -> Array:
         """Residuals (m, n, 2) at coordinates (m, 6) and nuisances (m, k), in sigmas of the noise."""
         base, _, _ = self._partials(x, u)

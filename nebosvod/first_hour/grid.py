@@ -30,6 +30,7 @@ REACH = 5.5  # sigmas of the range rate
 PER_SIGMA = 1.4  # nodes of a line
 FEWEST, MOST = 5, 16
 FINER = (2, 3, 5)  # lines to an interval
+ABOUT = np.linspace(-6.0, 6.0, 13)  # sigmas of ln(range) from the best orbit, where lines are set if it is sharp
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -85,20 +86,21 @@ class Grid:
         return tuple(self.log_mass)
 
 
-def grid_of(conditional: Conditional, region: Region) -> Grid:
+def grid_of(conditional: Conditional, region: Region, known: Nodes | None = None) -> Grid:
     """Lay the grid.
 
     Parameters
     ----------
     conditional : least squares of the tracklet.
     region : which orbits count.
+    known : one orbit that fits, with nothing held: lines are begun there and stand about it alone.
 
     Raises
     ------
     GeometryError
         If no orbit of the region can be followed over the measurements.
     """
-    search = _Search(conditional, region)
+    search = _Search(conditional, region, known)
     search.scan()
     return search.grid()
 
@@ -106,15 +108,20 @@ def grid_of(conditional: Conditional, region: Region) -> Grid:
 class _Search:
     """Borders of intervals of ln(range), halved until the mass changes little from one to the next."""
 
-    def __init__(self, conditional: Conditional, region: Region) -> None:
-        self.conditional, self.region = conditional, region
+    def __init__(self, conditional: Conditional, region: Region, known: Nodes | None) -> None:
+        self.conditional, self.region, self.known = conditional, region, known
         low, high = region.ranges(conditional.tracklet)
         self.x = np.linspace(low, high, max(int(np.ceil((high - low) / COARSE)) + 1, 5))
+        if known is not None:
+            self.x = np.clip(known.coordinates[0, 0] + known.range_sigma[0] * ABOUT, low, high)
+            self.x = np.unique(self.x)
         self.priors = PRIORS if len(conditional.tracklet) > 2 else PRIORS[:2]
         self.L = self.masses(self.lines(self.x))
 
     def lines(self, x: Array, start: Array | None = None) -> Nodes:
         """The best orbits at some ranges, rates of range free within twice what the region holds."""
+        if self.known is not None:
+            start = _begun(self.known, x)
         first = self.conditional.first(x, np.zeros_like(x)) if start is None else start
         low, high = self.region.rates(self.conditional, first)
         middle = np.where(np.isfinite(low), 0.5 * (low + high), 0.0)
@@ -168,7 +175,7 @@ class _Search:
         sigma, peak = float(full.range_sigma[0]), float(full.coordinates[0, 0])
         inside = self.x[0] < peak < self.x[-1]
         if np.isfinite(full.chi2[0]) and inside and sigma < COARSE and full.chi2[0] <= near.chi2[0] + 1.0:
-            more = peak + sigma * np.linspace(-6.0, 6.0, 13)
+            more = peak + sigma * ABOUT
             self._insert(more[(more > self.x[0]) & (more < self.x[-1])])
 
     def _insert(self, x: Array) -> None:
@@ -262,6 +269,14 @@ class _Search:
             np.concatenate(rates), np.concatenate(shares), np.concatenate(line), np.concatenate(weights),
             np.concatenate(lengths),
         )  # fmt: skip
+
+
+def _begun(known: Nodes, x: Array) -> Array:
+    """Coordinates (g, 6) at some ranges: those of a known orbit, carried on along its ridge."""
+    found = np.repeat(known.coordinates, len(x), axis=0)
+    found[:, 0] = x
+    found[:, RATE] += known.rate_slope[0] * (x - known.coordinates[0, 0])
+    return found
 
 
 def interval_of(

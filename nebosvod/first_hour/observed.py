@@ -16,6 +16,7 @@ from nebosvod.errors import GeometryError
 from nebosvod.estimation.solvers.rejection import Thresholds
 from nebosvod.first_hour.condensed import FEW, Few, condensed, searched
 from nebosvod.first_hour.conditional import RATE, Conditional, Nodes
+from nebosvod.first_hour.nights import POOR, orbit_of_nights
 from nebosvod.first_hour.region import Region
 from nebosvod.first_hour.tracklet import Columns, Tracklet, middle_of
 from nebosvod.fits.engine import thresholds_of
@@ -143,6 +144,7 @@ def without_gross_errors(tracklet: Tracklet, region: Region, mission: FitMission
         here, every = Conditional(few.tracklet), Conditional(chosen)
         known = few.orbits if orbit is None else here.solve(here.coordinates(orbit), 2)
         best = _best(here, region, searched(here, region) if known is None else known)
+        best = best if orbit is not None else _over_nights(here, region, best)
         orbit = here.states(best[:, :6])
         # coordinates are from the direction at the reference time, which is not the same where records are condensed
         chi2 = _each(every, np.hstack([every.coordinates(orbit), best[:, 6:]]))
@@ -169,6 +171,19 @@ def _best(conditional: Conditional, region: Region, lines: Nodes) -> Array:
         if full.chi2[0] <= lines.chi2[found] and low[0] <= full.coordinates[0, RATE] <= high[0]:
             return np.hstack([full.coordinates, full.nuisance])
     return np.hstack([lines.coordinates[found : found + 1], lines.nuisance[found : found + 1]])
+
+
+def _over_nights(conditional: Conditional, region: Region, best: Array) -> Array:
+    """The best orbit (1, 6 + k), or one that fits better where it fits badly and there are records of other nights."""
+    chi2 = float(_each(conditional, best).sum())
+    if chi2 < POOR * len(conditional.tracklet):
+        return best
+    orbit = orbit_of_nights(conditional, region)
+    if orbit is None:
+        return best
+    found = conditional.solve(orbit, 2)
+    other = np.hstack([found.coordinates, found.nuisance])
+    return other if float(_each(conditional, other).sum()) < chi2 else best
 
 
 def _each(conditional: Conditional, best: Array) -> Array:
