@@ -1,4 +1,4 @@
-"""Many orbits to their fates, each on steps of its own: what an orbit did on the way is not kept.
+"""Many orbits, each on steps of its own: to their fates, where nothing is kept of the way, or to states at some times.
 
 Flocks (flock.py) serve clouds that stay together. Orbits of which some circle the Earth, some fall and some pass share
 no steps; a flock of one is led, searched for a surface and watched, three flights of which the last one is enough.
@@ -8,12 +8,13 @@ import numpy as np
 import numpy.typing as npt
 
 from nebosvod.dynamics import integrator
+from nebosvod.dynamics.dense import join
 from nebosvod.dynamics.fates import Fates
 from nebosvod.dynamics.flock import LOW, NO_COLUMNS, STOP
 from nebosvod.dynamics.model import ForceModel, arc_of
 from nebosvod.dynamics.passages import Records, Seen, descents, nearest
 from nebosvod.dynamics.propagator import NO_GUIDES, TOLERANCE
-from nebosvod.dynamics.surface import SURFACE_KM
+from nebosvod.dynamics.surface import SURFACE_KM, height_km
 from nebosvod.dynamics.watch import NEAREST, RECORD
 from nebosvod.dynamics.workspace import NO_SAMPLES, Samples, Watch
 from nebosvod.timescale import Epoch
@@ -62,6 +63,60 @@ def fates_of_each(
     records = Records(rows=np.concatenate([*rows, np.empty((0, RECORD))]), names=forces.bodies,
                       ephemeris=forces.ephemeris, epoch=epoch)  # fmt: skip
     return _told(_deepest(records, body, count), count, body, forces)
+
+
+def states_of_each(
+    states_km_km_s: Array, epoch: Epoch, t_s: Array, forces: ForceModel, tolerance: float = TOLERANCE
+) -> Array:
+    """Where orbits are at some times.
+
+    Parameters
+    ----------
+    states_km_km_s : (k, 6) heliocentric ICRF at `epoch`; finite.
+    t_s : (n,) TDB seconds after it, all positive or all negative.
+    forces : the Earth among its bodies.
+
+    Returns
+    -------
+    Heliocentric states (k, n, 6), km and km/s; nan of an orbit that begins below a surface or comes down before the
+    last of the times, and of one that no steps suit.
+
+    Raises
+    ------
+    CoverageError
+        If a time is outside the ephemeris.
+
+    Notes
+    -----
+    Two flights, and who comes down makes only the first, in which surfaces are looked for.
+    """
+    end_s = float(t_s[np.argmax(np.abs(t_s))])
+    found = np.full((len(states_km_km_s), len(t_s), 6), np.nan)
+    arc = arc_of(forces, epoch, min(end_s, 0.0), max(end_s, 0.0), 0.0)
+    up = np.flatnonzero(_above_every_surface(states_km_km_s, epoch, forces, arc.sun))
+    near_km = LOW * SURFACE_KM["earth"]
+    fates = fates_of_each(states_km_km_s[up], epoch, end_s, forces, "earth", near_km, tolerance)
+    strengths = arc.physics.strength[None]
+    for k in up[~fates.impact].tolist():
+        status, steps, _ = integrator.integrate(
+            arc, states_km_km_s[k : k + 1], strengths, end_s, NO_COLUMNS, False, tolerance, *NO_GUIDES[0], NO_SAMPLES
+        )
+        if status == integrator.OK:
+            ahead = end_s > 0.0
+            table = join(None if ahead else steps, steps if ahead else None, arc.window, 0, 0.0)
+            found[k] = table.evaluate(t_s, variations=False)[0]
+    return found
+
+
+def _above_every_surface(states: Array, epoch: Epoch, forces: ForceModel, sun: Array) -> npt.NDArray[np.bool_]:
+    """Which heliocentric states (k, 6) are."""
+    above = np.ones(len(states), dtype=np.bool_)
+    for body in forces.bodies:
+        away = states[:, :3] + sun[:3] - forces.ephemeris.position_km(body, epoch, 0.0)[0]
+        low = np.flatnonzero(np.linalg.norm(away, axis=1) < LOW * SURFACE_KM[body])
+        if low.size:
+            above[low] = height_km(body, away[low], epoch, np.zeros(len(low))) > 0.0
+    return above
 
 
 def _told(records: Records, count: int, body: str, forces: ForceModel) -> Fates:

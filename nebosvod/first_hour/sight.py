@@ -1,7 +1,7 @@
 """Many orbits of one tracklet at once: what is seen of each, against what was observed.
 
-Orbits that differ in range by ten orders of magnitude fly together, on even steps; of those that these do not suit, the
-ones alike in range share steps, and who fails the check of a step goes on in a flock of its own.
+Orbits that differ in range by ten orders of magnitude fly together, on even steps; those that these do not suit fly
+each on steps of its own.
 """
 
 from dataclasses import dataclass
@@ -9,17 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from nebosvod.dynamics import propagate_many
-from nebosvod.dynamics.constants import SPEED_OF_LIGHT_KM_S
+from nebosvod.dynamics.each import states_of_each
 from nebosvod.dynamics.even import EvenSteps
+from nebosvod.first_hour.received import fill_lines, fill_offsets
 from nebosvod.first_hour.tracklet import Tracklet
 from nebosvod.observation.measurement.exposures import Exposures
-from nebosvod.units import AU_KM
 
 Array = npt.NDArray[np.float64]
-Rows = npt.NDArray[np.int64]
-ALIKE = np.array([1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 1e-1]) * AU_KM  # borders of ranges within which orbits share steps
-LIGHT_TIMES = 4  # corrections; each gains a factor of v/c
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -45,7 +41,6 @@ class Flights:
 
     def __init__(self, tracklet: Tracklet, t_s: Array) -> None:
         self.tracklet, self.t_s = tracklet, t_s
-        # forward and backward each by itself: so flocks part where the Earth tears them apart
         self.sides = [
             (side, EvenSteps(tracklet.epoch, t_s[side], tracklet.forces))
             for side in (t_s < 0.0, t_s > 0.0)
@@ -55,13 +50,11 @@ class Flights:
     def fly(self, states: Array) -> Array:
         """Heliocentric states (m, n, 6) at the times of orbits (m, 6) at the reference time; nan of one that hits."""
         found = np.repeat(states[:, None], len(self.t_s), axis=1)
-        away = np.linalg.norm(states[:, :3] - self.tracklet.place[:3], axis=1)
         for side, steps in self.sides:
             flown, known = steps.fly(states)
-            for alike in _alike(away, np.flatnonzero(~known)):
-                flown[alike] = propagate_many(
-                    states[alike], self.tracklet.epoch, steps.t_s, self.tracklet.forces, threads=1
-                ).state
+            left = np.flatnonzero(~known)
+            if left.size:
+                flown[left] = states_of_each(states[left], self.tracklet.epoch, steps.t_s, self.tracklet.forces)
             found[:, side] = flown
         return found
 
@@ -78,12 +71,6 @@ def until(tracklet: Tracklet, states: Array, end_s: Array, t_s: Array) -> Array:
     return found
 
 
-def _alike(away_km: Array, rows: Rows) -> list[Rows]:
-    """Some rows, parted by distance."""
-    group = np.searchsorted(ALIKE, away_km[rows])
-    return [rows[group == k] for k in np.unique(group)]
-
-
 def lines(
     exposures: Exposures, flown: Array, late_s: Array | None = None, displaced: Array | None = None
 ) -> tuple[Array, Array]:
@@ -97,22 +84,14 @@ def lines(
     -----
     Light comes from where the orbit was, r - v tau + a tau^2 / 2 with the Sun's pull, about a Sun that moves.
     """
-    r, v = flown[..., :3], flown[..., 3:]
-    pull = (-exposures.gm_sun_km3_s2 / _length(r) ** 3)[..., None] * r
-    body_v, body_a = v + exposures.sun[:, 3:], pull + exposures.sun_pull
-    body, observer = r + exposures.sun[:, :3], exposures.observer[:, :3]
-    if late_s is not None:
-        late = late_s[..., None]
-        body = body + late * (body_v + 0.5 * late * body_a)
-        observer = observer + late * exposures.observer[:, 3:]
-    if displaced is not None:
-        observer = observer + displaced
-    away = body - observer
-    line = away
-    for _ in range(LIGHT_TIMES):
-        tau = (_length(line) / SPEED_OF_LIGHT_KM_S)[..., None]
-        line = away - tau * (body_v - 0.5 * tau * body_a)
-    return line, body_v - exposures.observer[:, 3:]
+    line, motion = np.empty((*flown.shape[:2], 3)), np.empty((*flown.shape[:2], 3))
+    whole = np.ascontiguousarray
+    fill_lines(
+        whole(flown), whole(exposures.sun), whole(exposures.sun_pull), whole(exposures.observer),
+        exposures.gm_sun_km3_s2, np.empty((0, 0)) if late_s is None else whole(late_s),
+        np.empty((0, 0, 0)) if displaced is None else whole(displaced), line, motion,
+    )  # fmt: skip
+    return line, motion
 
 
 def _length(vectors: Array) -> Array:
@@ -149,14 +128,11 @@ class Sight:
         """
         exposures = self.tracklet.exposures
         line, motion = lines(exposures, flown, late_s, displaced)
-        distance = _length(line)
-        # a product of matrices for each measurement is six times as fast as their sum written out
-        local = np.matmul(line.swapaxes(0, 1), self.axes.swapaxes(1, 2)).swapaxes(0, 1) / distance[..., None]
-        chord = np.hypot(local[..., 0], local[..., 1])
-        stretch = np.where(chord > 1e-12, np.arctan2(chord, local[..., 2]) / np.maximum(chord, 1e-12), 1.0)
+        distance, offset = np.empty(line.shape[:2]), np.empty((*line.shape[:2], 2))
+        fill_offsets(line, np.ascontiguousarray(self.axes), distance, offset)
         across = -self.axes[:, :2] / distance[::every, :, None, None]
         return Seen(
-            residual=-local[..., :2] * stretch[..., None],
+            residual=-offset,
             rate=-np.einsum("mnij,mnj->mni", across, motion[::every]),
             across=across,
             from_earth_km=_length(flown[::every, :, :3] - self.earth),

@@ -5,7 +5,7 @@ import pytest
 
 from nebosvod.dynamics import ForceModel, find_encounters, propagate
 from nebosvod.dynamics.constants import DAY_S
-from nebosvod.dynamics.each import fates_of_each
+from nebosvod.dynamics.each import fates_of_each, states_of_each
 from nebosvod.dynamics.fates import Fates
 from nebosvod.dynamics.twobody import kepler
 from nebosvod.errors import ImpactError
@@ -91,3 +91,42 @@ def test_orbits_torn_apart_have_the_fates_of_orbits_flown_one_by_one(full_forces
         if events:
             assert found.distance_km[k] == pytest.approx(min(event.distance_km for event in events), abs=1e-3)
     assert 3 < found.impact.sum() < 27
+
+
+HOURS_S = 3600.0 * np.array([0.2, 1.0, 1.5, 1.9])
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_states_of_what_passes_low_and_at_twenty_thousand_km_s_are_those_flown_one_by_one(
+    full_forces: ForceModel, sign: float
+) -> None:
+    """A pass 60 km above the ground an hour on, a satellite that stays low, and a speed that no orbit has."""
+    gm, t_s = full_forces.ephemeris.gm_km3_s2["earth"], sign * HOURS_S
+    low = kepler([0.0, 6440.0, 0.0, np.sqrt(25.0 + 2.0 * gm / 6440.0), 0.0, 0.0], [-sign * 3600.0], gm)[0]
+    circling = np.array([6500.0, 0.0, 0.0, 0.0, np.sqrt(gm / 6500.0), 0.0])
+    fast = np.array([-sign * 2.0e7, 9000.0, 0.0, 20000.0, 0.0, 0.0])
+    states = about_the_earth(full_forces, [low, circling, fast])
+    found = states_of_each(states, EPOCH, t_s, full_forces)
+    for k, state in enumerate(states):
+        alone = propagate(state, EPOCH, t_s, full_forces, False, tolerance=1e-13).state
+        assert np.abs(found[k, :, :3] - alone[:, :3]).max() < 1e-3
+        assert np.abs(found[k, :, 3:] - alone[:, 3:]).max() < 1e-6
+
+
+def test_who_comes_down_or_begins_below_the_ground_has_no_states(full_forces: ForceModel) -> None:
+    """A hyperbola with its pericentre at 3000 km, 3 h before it; one that falls after the last of the times is up.
+
+    The third begins at 6365 km over the pole, 8 km above the ellipsoid; the last at 6370 km over the equator, below it.
+    """
+    gm = full_forces.ephemeris.gm_km3_s2["earth"]
+    falls = kepler([0.0, 3e3, 0.0, np.sqrt(25.0 + 2.0 * gm / 3e3), 0.0, 0.0], [-10800.0], gm)[0]
+    over = np.array([0.0, 0.0, 6365.0, 0.0, 0.0, 15.0])
+    under = np.array([6370.0, 0.0, 0.0, 15.0, 0.0, 0.0])
+    states = about_the_earth(full_forces, [falls, over, under])
+    up = np.isfinite(states_of_each(states, EPOCH, HOURS_S + 3600.0, full_forces)).all(axis=(1, 2))
+    assert up.tolist() == [False, True, False]
+    sooner = states_of_each(states[:1], EPOCH, HOURS_S, full_forces)[0]
+    earth = full_forces.ephemeris.position_km("earth", EPOCH, HOURS_S)
+    sun = full_forces.ephemeris.position_km("sun", EPOCH, HOURS_S)
+    two_bodies = kepler(falls, HOURS_S, gm)[:, :3]  # Moon and Sun move it by a few km in hours
+    assert np.abs(sooner[:, :3] + sun - earth - two_bodies).max() < 30.0
