@@ -1,4 +1,4 @@
-"""The compiled integrator: X, Phi and zeta in one sweep by 8-stage Gauss-Legendre collocation (order 16).
+"""The compiled integrator: X, Phi and zeta in one march by 8-stage Gauss-Legendre collocation (order 16).
 
 Here is the march from step to step: their length, which follows the last Legendre coefficient of the acceleration,
 relative to the acceleration; the sums over steps, with the rounding they lose kept; and what is written of each step.
@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nebosvod.dynamics.collocation import LAST_ROW, STEP_WEIGHTS
-from nebosvod.dynamics.compilation import LANES, STATE_ROWS, inlined_kernel, is_compiled, kernel, straight
+from nebosvod.dynamics.compilation import LANES, STATE_ROWS, inlined_kernel, kernel, straight
 from nebosvod.dynamics.model import Arc, Physics
 from nebosvod.dynamics.nodes import follow_guide, read_ephemeris
 from nebosvod.dynamics.stages import (
@@ -266,11 +266,13 @@ def integrate(
     strengths : shape (k, 4), of radiation pressure, A1, A2 and A3, as in `Physics.strength`.
     end_s : TDB seconds after the epoch.
     columns, variations : which of kappa, A1, A2, A3 (q,) are integrated; whether they and Phi are at all.
-    tolerance : limit of the last Legendre coefficient of the acceleration, relative.
+    tolerance : at which the last Legendre coefficient of the acceleration, relative, is held. A step is made anew where
+        it is EXCESS times as large, on a grid EXCESS_ON_A_GRID times.
     guide, nodes : steps of a near orbit over the same span and the ephemeris at their nodes: the orbits take the same
         steps, and iterate their difference from the guide; no steps if there is none.
-    samples : where to evaluate many orbits, which needs a guide and brings no steps and no variations; empty for one
-        orbit, of which the steps are wanted. With neither guide nor times one orbit is watched on steps of its own.
+    samples : empty where one orbit's steps are wanted. Else none are given and no variations are integrated: many
+        orbits on a guide are evaluated at times, and watched; one without a guide is watched on steps of its own. What
+        is left of `samples.watch.left` at the end is where those are that fly on.
     most : how many steps of one orbit there may be, up to MOST_STEPS; each keeps 0.3 to 3 kB.
     least_fall_s : no step is made, without a guide, where the free-fall time to a body is shorter at the start.
 
@@ -299,8 +301,3 @@ def integrate(
         samples.watch.left[flying, 1], samples.watch.left[flying, 2:] = clock[0], orbits[flying, :6]
     taken = 0 if len(samples.tide) else int(clock[3])
     return status, steps if taken == len(steps.rows) else first_steps(steps, taken), clock.item(4)
-
-
-def is_compiled_cache_present() -> bool:
-    """Whether `march` will start at once; if not, its first call compiles for some 20 s (a program may say so)."""
-    return is_compiled(march)

@@ -24,7 +24,10 @@ Integers = npt.NDArray[np.int64]
 def read_ephemeris(
     n: int, t: float, h: float, w: Work, p: Physics, coefficients: Array, layout: Integers, timing: Array
 ) -> None:
-    """Bodies, the Sun's velocity and the Earth's pole at the nodes of the step from t to t + h."""
+    """Bodies and the Sun's velocity at the nodes of the step from t to t + h, the Earth's pole amid it.
+
+    For the relativity of all bodies their velocities, accelerations and potentials as well.
+    """
     for i in range(8):
         w.t[i] = t + h * NODES[i]
     bodies_at(n, w.t, coefficients, layout, timing, p.mass_ratio, w.T, w.u, w.record, w.P)

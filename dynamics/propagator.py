@@ -22,9 +22,9 @@ Array = npt.NDArray[np.float64]
 TOLERANCE, TIGHTEST, LOOSEST = 1e-10, 1e-16, 1e-3
 NO_GUIDES = ((NO_STEPS, NO_NODES),) * 2
 SLIGHTLY = 8.0  # a margin of so small a part of a step is the step's own
-MOST_GUIDED = 5000  # steps that others may follow, for which 8 kB of ephemeris are kept each: two centuries
+MOST_GUIDED = 5000  # steps that others may follow, for which 7 to 10 kB of ephemeris are kept each: two centuries
 AMPLE = 1.05  # of the light time from the Sun: the observer and the barycentre are elsewhere
-LEAST_FALL_S = IMPACT_TIDE**-0.5  # free-fall time at the surface of every body
+LEAST_FALL_S = IMPACT_TIDE**-0.5  # free-fall time, longer than at the surface of any body
 MOST_DOUBLED = 10  # of a margin: 44,000 au
 OWN_TIDE = 1e-10  # s^-2: GM/r^3 at ten radii of an asteroid of 0.4 g/cm^3
 
@@ -53,7 +53,8 @@ def propagate(
     forces : the force model; `forces.parameters` are the columns of zeta. An orbit that starts within ten radii of one
         of the asteroids is that asteroid: it is left out, and `trajectory.forces.excluded` says so.
     sensitivities : whether Phi and zeta are integrated.
-    tolerance : last Legendre coefficient of the acceleration over a step, relative; from 1e-16 to 1e-3.
+    tolerance : at which the last Legendre coefficient of the acceleration over a step, relative, is held; from 1e-16
+        to 1e-3. A step is made anew where it is three times as large.
     margin_s : how far before the first time the trajectory reaches, so that light-time solutions find their emission
         time inside it; by default six hours, and for an orbit that may be beyond 40 au twice, four times ... as much;
         cut six hours before the start of the ephemeris.
@@ -93,7 +94,7 @@ def propagate(
     columns, chain = forces.columns()
     if not sensitivities:
         columns = columns[:0]
-    guides = _guides(grid, epoch, (low, high), forces, physics)
+    guides = _guides(grid, epoch, (low, high), forces, physics, most_steps)
     legs: list[Steps | None] = [None, None]
     left, deepest = most_steps, 0.0
     for leg, end_s in ((1, high), (0, low)) if ahead else ((0, low), (1, high)):
@@ -151,10 +152,12 @@ def _reaches_back(forward: Steps | None, low_s: float) -> bool:
 
 
 def _guides(
-    grid: Trajectory | None, epoch: Epoch, span: tuple[float, float], forces: ForceModel, physics: Physics
+    grid: Trajectory | None, epoch: Epoch, span: tuple[float, float], forces: ForceModel, physics: Physics, most: int
 ) -> tuple[tuple[Steps, Array], ...]:
-    """Steps and nodes of both legs of `grid`, or none where they do not fit the span or the bodies."""
-    if grid is None or grid.epoch != epoch or grid.span_s != span or len(grid._table.steps.rows) > MOST_GUIDED:
+    """Steps and nodes of both legs of `grid`, or none where they do not fit the span or the bodies, or are too many."""
+    if grid is None or grid.epoch != epoch or grid.span_s != span:
+        return NO_GUIDES
+    if len(grid._table.steps.rows) > min(most, MOST_GUIDED):
         return NO_GUIDES
     theirs = grid.forces
     same_bodies = theirs.ephemeris is forces.ephemeris and np.array_equal(theirs.physics(epoch).gm, physics.gm)

@@ -174,7 +174,7 @@ class Watch(NamedTuple):
     last2: Array  # (orbits, 2 b) squared distances at the last two nodes; negative where there are none yet
     records: Array  # (room, RECORD) see `watch.keep`
     written: Integers  # (1,) how many there are, or would be with more room
-    left: Array  # (orbits, 8): LEFT or DOWN and the time and barycentric state from which an orbit must go on; else 0
+    left: Array  # (orbits, 8): LEFT, DOWN or 0, and the time and barycentric state from which an orbit goes on
 
 
 class Samples(NamedTuple):

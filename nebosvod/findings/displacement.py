@@ -28,9 +28,8 @@ def displaced(base: Quantity, other: Quantity) -> Array | None:
         if base.anchor is None or base.axes is None or other.anchor is None:
             return None
         return ground_displacement(base.anchor, base.axes, other.anchor)
-    if isinstance(base.facts, SkyFacts) and isinstance(other.facts, SkyFacts):
-        psi = np.radians([[other.facts.ra_deg, other.facts.dec_deg]])
-        return np.asarray(as_seen(base, base.facts, psi, np.array([other.facts.distance_km]))[0])
+    if base.value is None and isinstance(base.facts, SkyFacts) and isinstance(other.facts, SkyFacts):
+        return np.asarray(_on_the_sky(base.facts, np.radians([[other.facts.ra_deg, other.facts.dec_deg]]))[0])
     if base.axes is None:
         if base.value is None or other.value is None:
             return None
@@ -52,10 +51,18 @@ def displaced(base: Quantity, other: Quantity) -> Array | None:
 def as_seen(base: Quantity, facts: SkyFacts, psi: Array, distance_km: Array) -> Array:
     """What orbits seen at psi (n, 2), rad, and distances (n,) change in a quantity that a telescope sees.
 
-    Offsets (n, 2) from the direction of the base, RA cos Dec and Dec, arcsec; (n, 1) from its value, where it has one.
+    Offsets (n, 2) from the direction of the base, RA cos Dec and Dec, arcsec; (n, 1) from its distance, km.
+
+    Raises
+    ------
+    LookupError
+        For a quantity that is neither: it has to be added here.
     """
-    if base.value is not None:
+    plane = base.request.plane
+    if plane == "distance" and base.value is not None:
         return np.asarray(distance_km[:, None] - base.value)
+    if plane != "sky":
+        raise LookupError(f"what drawn orbits change in a {plane} is not known")
     return _on_the_sky(facts, psi)
 
 

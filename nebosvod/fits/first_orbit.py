@@ -24,9 +24,9 @@ from nebosvod.units import ARCSEC
 
 Array = npt.NDArray[np.float64]
 TRIED = 4  # starting orbits tried before the best of them is taken
-GOOD = 3.0  # chi squared for each selected observation, of which 2 are expected, below which no other start is tried
-MOST = 0.6  # of the observations that a good fit has selected, and
-NEARLY_ALL = 0.9  # of those that one has after which no other span is searched
+ENOUGH = 3.0  # chi squared for each observation, of which 2 are expected, below which no other start is tried
+LEFT_OUT = 8.0  # of an observation that is left out: about the threshold at which it is
+NEARLY_ALL = 0.9  # of the observations that an orbit has selected after which no other span is searched
 
 
 def first_orbit(
@@ -101,7 +101,7 @@ class _Trials:
             grown = self.grow(start)
             if grown is not None and (best is None or _merit(grown) < _merit(best[1])):
                 best = start, grown
-            if _ends(grown, MOST):
+            if _ends(grown):
                 break
         return best
 
@@ -121,17 +121,17 @@ class _Trials:
         return self.grown[key]
 
 
-def _ends(grown: Selected | None, share: float) -> bool:
-    """Whether no other start need be tried: it fits, more than a share of all observations."""
+def _ends(grown: Selected | None, share: float = 0.0) -> bool:
+    """Whether no other start need be tried: it fits, and has more than a share of all observations selected."""
     if grown is None or grown.correction.status is not Status.CONVERGED:
         return False
-    return _merit(grown) < GOOD and bool(grown.selected.mean() > share)
+    return _merit(grown) < ENOUGH and bool(grown.selected.mean() > share)
 
 
 def _merit(found: Selected) -> float:
-    """Cost for each selected observation; observations left out cost as much as the threshold of rejection."""
+    """Chi squared for each observation, those left out counted too."""
     chosen = found.selected
-    return (found.correction.cost + 8.0 * float((~chosen).sum())) / len(chosen)
+    return (found.correction.cost + LEFT_OUT * float((~chosen).sum())) / len(chosen)
 
 
 def _covered(material: Material, epoch: Epoch, first: Epoch, last: Epoch) -> bool:

@@ -21,7 +21,8 @@ from nebosvod.studies.sampled import corridor_km, impact_probability
 
 Shares = dict[str, float]  # by source
 ENCOUNTER = ("b_plane", "mtp", "perigee_distance", "entry")
-UNITS = {"sky": "arcsec", "rtn_velocity": "m_s"}
+# of predictions that are not a number with a unit of its own
+UNITS = {"sky": "arcsec", "rtn_velocity": "m_s"} | dict.fromkeys((*ENCOUNTER, "distance", "position", "rtn"), "km")
 SHOWN = {"m_s": "m/s", "km_s": "km/s", "km2_s2": "km^2/s^2", "deg_d": "deg/d", "1": ""}
 
 
@@ -122,7 +123,7 @@ def _of_prediction(name: str, of: str, rest: str, mission: Mission) -> Asked:
 
 def _numbers(request: Prediction) -> dict[str, tuple[str, Callable[[Answered], float | None]]]:
     """The numbers of a prediction: unit, and how they are taken."""
-    unit = request.in_unit if isinstance(request, ValuePrediction) else UNITS.get(request.plane, "km")
+    unit = request.in_unit if isinstance(request, ValuePrediction) else UNITS[request.plane]
     word = SHOWN.get(unit, unit)
     size = len(PLANES[request.plane].components)
     found: dict[str, tuple[str, Callable[[Answered], float | None]]] = {}

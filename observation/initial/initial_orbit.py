@@ -216,12 +216,17 @@ def _search(arc: Arc, rows: Rows, observer_velocity: Array, before: list[_Found]
     short = np.ptp(arc.t) < SHORT_D
     grid = ranging(arc, observer_velocity, keep=2 * IMPROVED if short else GRIDDED, fine=bool(short))
     states = np.concatenate([fly(first, arc.t0 - when, arc.gm), *known, grid])
-    spread = np.array([[0, middle, arc.t.size - 1]])
-    taken = np.concatenate([picks[parent], np.repeat(spread, len(states) - len(first), axis=0)])
-    method = np.array(["Gauss"] * (len(states) - len(grid)) + ["ranging"] * len(grid))
+    spread = np.repeat(rows[None, [0, middle, -1]], len(grid), axis=0)
+    taken = np.concatenate([rows[picks[parent]], *(one.triplets[:CARRIED] for one in before), spread])
+    whence = [
+        np.repeat("Gauss", len(first)),
+        *(one.method[:CARRIED] for one in before),
+        np.repeat("ranging", len(grid)),
+    ]
+    method = np.concatenate(whence)
     with np.errstate(all="ignore"):
         cost = costs(residuals(arc, states, shifts(arc, states)))
-    gridded = method == "ranging"
+    gridded = np.arange(len(states)) >= len(states) - len(grid)
     chosen = np.concatenate(
         [
             _distinct(arc, states, np.where(gridded, np.inf, cost), IMPROVED),
@@ -241,7 +246,7 @@ def _observer_velocity(
 
 
 def _improved(arc: Arc, rows: Rows, states: Array, picks: Rows, method: Texts) -> _Found:
-    """Orbits after least squares over the span, with their fit; what diverged is left out."""
+    """Orbits after least squares over the span, with their fit; what diverged is left out. `picks` are record rows."""
     if len(states):
         states, _ = improve(arc, states)
     with np.errstate(all="ignore"):
@@ -254,7 +259,7 @@ def _improved(arc: Arc, rows: Rows, states: Array, picks: Rows, method: Texts) -
         states=states[kept],
         merit=merit[kept],
         score=score[kept],
-        triplets=rows[picks[kept]],
+        triplets=picks[kept],
         method=method[kept],
     )
 

@@ -20,7 +20,7 @@ def test_stamp_of_the_cache_covers_all_sources() -> None:
 
 def test_cache_is_present_after_the_first_run(full_forces: Any, neo: tuple[Epoch, np.ndarray]) -> None:
     propagate(neo[1], neo[0], [86400.0], full_forces)
-    assert integrator.is_compiled_cache_present()
+    assert compilation.is_compiled(integrator.march)
 
 
 @pytest.mark.parametrize(("used", "kept", "wanted"), [((), {}, False), ((), {"a": 1}, True), (("a",), {}, True)])

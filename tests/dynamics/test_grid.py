@@ -10,6 +10,7 @@ import pytest
 from nebosvod.dynamics import Ephemeris, ForceModel, Trajectory, propagate, propagator
 from nebosvod.dynamics.constants import DAY_S
 from nebosvod.dynamics.ephemeris import PLANETS
+from nebosvod.errors import StepLimitError
 from nebosvod.timescale import Epoch
 
 Array = np.ndarray
@@ -169,3 +170,10 @@ def test_an_encounter_long_after_the_epoch_keeps_its_grid(ephemeris: Ephemeris) 
     again = propagate(start, epoch, times, forces, False, grid=grid)
     assert again._table.nodes is grid._table.nodes
     assert np.array_equal(again.step_edges_s, grid.step_edges_s)
+
+
+def test_a_grid_has_no_more_steps_than_are_allowed(full_forces: ForceModel, neo: Neo) -> None:
+    epoch, start = neo
+    grid = grid_of(start, epoch, full_forces)
+    with pytest.raises(StepLimitError, match="the 2 steps it may take"):
+        propagate(start + NEAR, epoch, TIMES, full_forces, False, grid=grid, most_steps=2)

@@ -1,10 +1,14 @@
 """The file of a study: everything that is wrong at its line, before anything runs."""
 
 import re
+from typing import get_args
 
 import pytest
 
 from nebosvod.errors import InputError
+from nebosvod.mission.request import ValuePrediction
+from nebosvod.mission.vocabulary import PLANES
+from nebosvod.studies.answers import UNITS
 from nebosvod.studies.question import Study
 from nebosvod.studies.reading import load_study_text
 
@@ -108,3 +112,8 @@ def test_the_mission_of_a_built_in_study_may_be_named() -> None:
         assert study.mission.name == "pair-watch"
     with pytest.raises(InputError, match="unknown mission"):
         load_study_text(TEXT.replace("minimal", "nebosvod-pair"))
+
+
+def test_every_prediction_that_is_no_number_of_its_own_has_a_unit() -> None:
+    values = set(get_args(ValuePrediction.model_fields["plane"].annotation))
+    assert set(UNITS) == set(PLANES) - values
