@@ -30,6 +30,7 @@ REACH = 5.5  # sigmas of the range rate
 PER_SIGMA = 1.4  # nodes of a line
 FEWEST, MOST = 5, 16
 FINER = (2, 3, 5)  # lines to an interval
+CLOSELY = np.linspace(-6.0, 6.0, 25)  # the same where no others are: so many that enough nodes carry the weight
 ABOUT = np.linspace(-6.0, 6.0, 13)  # sigmas of ln(range) from the best orbit, where lines are set if it is sharp
 
 
@@ -113,8 +114,7 @@ class _Search:
         low, high = region.ranges(conditional.tracklet)
         self.x = np.linspace(low, high, max(int(np.ceil((high - low) / COARSE)) + 1, 5))
         if known is not None:
-            self.x = np.clip(known.coordinates[0, 0] + known.range_sigma[0] * ABOUT, low, high)
-            self.x = np.unique(self.x)
+            self.x = np.unique(np.clip(known.coordinates[0, 0] + known.range_sigma[0] * CLOSELY, low, high))
         self.priors = PRIORS if len(conditional.tracklet) > 2 else PRIORS[:2]
         self.L = self.masses(self.lines(self.x))
 
@@ -165,6 +165,8 @@ class _Search:
 
     def _sharpen(self) -> None:
         """Set lines about the best orbit of all, whose range may be known to a ten thousandth."""
+        if self.known is not None:
+            return
         best = int(np.argmax(self.L[0]))
         if not np.isfinite(self.L[0, best]):
             return
