@@ -44,20 +44,19 @@ def fates_of_each(
     """
     arc = arc_of(forces, epoch, min(end_s, 0.0), max(end_s, 0.0), 0.0)
     rows, count = [], len(states_km_km_s)
-    room = np.empty((ROOM, RECORD))
     there = forces.ephemeris.position_km(body, epoch, 0.0)[0] - arc.sun[:3]
     begun, strengths = np.sum((states_km_km_s[:, :3] - there) ** 2, axis=1), arc.physics.strength[None]
-    for k, start in enumerate(states_km_km_s):
+    samples = _watching(forces.bodies, body, within_km, np.empty((ROOM, RECORD)))
+    for k in range(count):
         while True:
-            watch = _watch(forces.bodies, body, within_km, begun[k], room)
-            samples = Samples(*NO_SAMPLES[:4], np.empty((1, 0, 6)), np.zeros(1), watch)
+            _begin(samples, begun[k])
             integrator.integrate(
-                arc, start[None], strengths, end_s, NO_COLUMNS, False, tolerance, *NO_GUIDES[0], samples
-            )  # fmt: skip
-            written = int(watch.written[0])
+                arc, states_km_km_s[k : k + 1], strengths, end_s, NO_COLUMNS, False, tolerance, *NO_GUIDES[0], samples
+            )
+            written, room = int(samples.watch.written[0]), samples.watch.records
             if written <= len(room):
                 break
-            room = np.empty((2 * written, RECORD))
+            samples = _watching(forces.bodies, body, within_km, np.empty((2 * written, RECORD)))
         room[:written, 0] = k
         rows.append(room[:written].copy())
     records = Records(rows=np.concatenate([*rows, np.empty((0, RECORD))]), names=forces.bodies,
@@ -151,11 +150,17 @@ def _deepest(records: Records, body: str, count: int) -> Records:
     return records.where(kept)
 
 
-def _watch(bodies: tuple[str, ...], body: str, within_km: float, begun2: float, room: Array) -> Watch:
-    """What is watched of one orbit that begins so far away, km^2, and room for it."""
+def _watching(bodies: tuple[str, ...], body: str, within_km: float, room: Array) -> Samples:
+    """What is watched of one orbit at a time, and room for it."""
     radius = np.array([SURFACE_KM[name] for name in bodies])
-    row = bodies.index(body)
-    return Watch(
-        np.array([row]), np.array([within_km**2]), np.zeros(1), (LOW * radius) ** 2, (STOP * radius) ** 2,
-        np.array([[-1.0, begun2]]), room, np.zeros(1, np.int64), np.zeros((1, 8)),
+    watch = Watch(
+        np.array([bodies.index(body)]), np.array([within_km**2]), np.zeros(1), (LOW * radius) ** 2,
+        (STOP * radius) ** 2, np.empty((1, 2)), room, np.zeros(1, np.int64), np.empty((1, 8)),
     )  # fmt: skip
+    return Samples(*NO_SAMPLES[:4], np.empty((1, 0, 6)), np.zeros(1), watch)
+
+
+def _begin(samples: Samples, begun2: float) -> None:
+    """Forget the orbit before; the next one begins so far from the body, km^2."""
+    samples.tide[:], samples.watch.written[:], samples.watch.left[:] = 0.0, 0, 0.0
+    samples.watch.last2[0] = -1.0, begun2

@@ -7,17 +7,18 @@ it is drawn, uniform from the ground to 50 km.
 
 from dataclasses import dataclass
 
+import erfa
 import numpy as np
 import numpy.typing as npt
 
+from nebosvod.dynamics.constants import EARTH_FLATTENING, EARTH_RADIUS_KM
 from nebosvod.dynamics.surface import height_km
 from nebosvod.dynamics.twobody_many import fly
-from nebosvod.engine.entry import place_of
 from nebosvod.first_hour.contour import contours
 from nebosvod.first_hour.falls import Falls
 from nebosvod.first_hour.tangent import Tangent, angles, directions
 from nebosvod.first_hour.tracklet import Tracklet
-from nebosvod.observation.earth.ground import R_itrf_from_icrf
+from nebosvod.observation.earth.ground import R_itrf_from_icrf_at
 from nebosvod.timescale import Epoch
 
 Array = npt.NDArray[np.float64]
@@ -123,8 +124,7 @@ def _up_to(ground: Array, t_s: Array, epoch: Epoch, gm: float, height: Array) ->
 
 def _places(states: Array, t_s: Array, epoch: Epoch) -> Array:
     """Geodetic longitude and latitude (m, 2), deg."""
-    found = np.empty((len(states), 2))
-    for k, (r, t) in enumerate(zip(states[:, :3], t_s.tolist(), strict=True)):
-        place = place_of(R_itrf_from_icrf(epoch + t) @ r)
-        found[k] = np.degrees([place.longitude_rad, place.latitude_rad])
-    return found
+    fixed = np.einsum("nij,nj->ni", R_itrf_from_icrf_at(epoch, t_s), states[:, :3])
+    longitude, latitude, _ = erfa.gc2gde(EARTH_RADIUS_KM, EARTH_FLATTENING, fixed)
+    turned = (longitude + np.pi) % (2.0 * np.pi) - np.pi
+    return np.asarray(np.degrees(np.stack([turned, latitude], axis=1)))

@@ -13,10 +13,10 @@ from scipy.special import betaincinv
 
 from nebosvod.dynamics.constants import AU_KM, DAY_S
 from nebosvod.dynamics.each import fates_of_each
-from nebosvod.dynamics.twobody_many import fly as fly_by_the_sun
 from nebosvod.first_hour.circling import lowest_perigee
 from nebosvod.first_hour.draws import Draws, draw, shares
 from nebosvod.first_hour.grid import HEADLINE, Grid
+from nebosvod.first_hour.nearest import nearest_by_the_sun
 from nebosvod.first_hour.tracklet import Tracklet
 from nebosvod.impacts.interval import of_count
 from nebosvod.timescale import Epoch
@@ -28,7 +28,6 @@ WITHIN_D = 100.0
 TOLERANCE = 1e-8
 FAR_KM = 0.03 * AU_KM  # from the Earth, by the Sun alone: what it is about wrong by within a hundred days is less
 WATCHED_KM = 1e9  # every closest approach is told
-LOOK_S = 0.5 * DAY_S
 TARGET_KM = 3e4  # a cell that misses by as much may hold orbits that hit
 FIRST, MORE, ROUNDS = 150, 100, 2
 WORTH, POINTS = 1e-3, 200.0  # a probability that has a corridor, and of how many effective points
@@ -93,7 +92,7 @@ class Chance:
 def fall(grid: Grid, within_d: float, rng: np.random.Generator) -> Falls:
     """Draw orbits of a grid and see what becomes of them within some days of the reference time."""
     tracklet, states = grid.conditional.tracklet, grid.conditional.states(grid.nodes.coordinates)
-    near = _nearest_by_the_sun(tracklet, states, within_d) < 10.0 * TARGET_KM
+    near = nearest_by_the_sun(tracklet, states, within_d) < 10.0 * TARGET_KM
     near &= ~np.isfinite(lowest_perigee(tracklet, states, within_d))
     found = flown(tracklet, draw(grid, shares(grid, FIRST, near), rng), within_d)
     for more in (*[_unclear] * ROUNDS, _of_the_bound, _of_the_corridor):
@@ -171,7 +170,7 @@ def _of_neighbours(grid: Grid, values: Array) -> Array:
 def flown(tracklet: Tracklet, draws: Draws, within_d: float) -> Falls:
     """Fly those orbits that may come near the Earth."""
     m = len(draws)
-    miss = _nearest_by_the_sun(tracklet, draws.states, within_d)
+    miss = nearest_by_the_sun(tracklet, draws.states, within_d)
     circling = lowest_perigee(tracklet, draws.states, within_d)
     miss = np.where(np.isfinite(circling), circling, miss)
     near = (miss < FAR_KM) & ~np.isfinite(circling) & np.isfinite(draws.log_density[HEADLINE])
@@ -188,22 +187,6 @@ def flown(tracklet: Tracklet, draws: Draws, within_d: float) -> Falls:
         known = np.isfinite(fates.distance_km) & ~fates.impact
         miss[rows[known]] = fates.distance_km[known]
     return Falls(draws=draws, flown=near, body=body, t_s=t_s, position_km=place, velocity_km_s=velocity, miss_km=miss)
-
-
-def _nearest_by_the_sun(tracklet: Tracklet, states: Array, within_d: float) -> Array:
-    """The least distance (m,) from the Earth, km, of orbits the Sun alone moves; straight from look to look."""
-    t_s = np.append(np.arange(0.0, within_d * DAY_S, LOOK_S), within_d * DAY_S)
-    ephemeris = tracklet.forces.ephemeris
-    gm = ephemeris.gm_km3_s2["sun"]
-    earth = ephemeris.state_km_km_s("earth", tracklet.epoch, t_s) - ephemeris.state_km_km_s("sun", tracklet.epoch, t_s)
-    least = np.empty(len(states))
-    for part in np.array_split(np.arange(len(states)), max(len(states) // 500, 1)):
-        gap = fly_by_the_sun(states[part, None], t_s[None], gm) - earth
-        r, v = gap[..., :3], gap[..., 3:]
-        rr, rv, vv = (np.einsum("...i,...i->...", a, b) for a, b in ((r, r), (r, v), (v, v)))
-        step = np.clip(-rv / vv, -LOOK_S, LOOK_S)
-        least[part] = np.sqrt(np.maximum(rr + step * (2.0 * rv + step * vv), 0.0).min(axis=1))
-    return np.where(np.isfinite(least), least, 0.0)
 
 
 def chance(grid: Grid, falls: Falls, prior: str = HEADLINE, body: str = "earth") -> Chance:

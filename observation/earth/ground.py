@@ -12,12 +12,17 @@ from nebosvod.timescale import Epoch
 
 def R_itrf_from_icrf(epoch: Epoch) -> Array:
     """Rotation (3, 3) into axes fixed to the Earth: precession, nutation, UT1 and the pole as tabulated."""
-    tt = tt_days(epoch, np.zeros(1))
-    earth = orientation(np.array([epoch.day]), tt)
-    angle = erfa.era00(*earth.ut1_jd)[0]
-    turned = erfa.rz(angle, R_icrf_from_cirs(epoch, np.zeros(1))[0].T)
-    sp = erfa.sp00(epoch.day, float(tt[0]))
-    result: Array = erfa.pom00(earth.x_pole_rad[0], earth.y_pole_rad[0], sp) @ turned
+    found: Array = R_itrf_from_icrf_at(epoch, np.zeros(1))[0]
+    return found
+
+
+def R_itrf_from_icrf_at(epoch: Epoch, t_s: Array) -> Array:
+    """The same (n, 3, 3) at TDB seconds (n,) after an epoch."""
+    tt = tt_days(epoch, t_s)
+    day = np.full(len(tt), epoch.day)
+    earth = orientation(day, tt)
+    turned = erfa.rz(erfa.era00(*earth.ut1_jd), R_icrf_from_cirs(epoch, t_s).swapaxes(1, 2))
+    result: Array = erfa.pom00(earth.x_pole_rad, earth.y_pole_rad, erfa.sp00(day, tt)) @ turned
     return result
 
 

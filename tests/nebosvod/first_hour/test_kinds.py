@@ -86,29 +86,35 @@ def test_what_is_seen_beside_the_sun_may_be_near() -> None:
         assert Region().ranges(tracklet)[0] < np.log(1e-3)
 
 
-def test_the_least_perigee_of_what_circles_is_below_that_of_flown_orbits() -> None:
-    """A hundred days with every force; eccentric ones near the Moon's reach too."""
-    ephemeris, rng, n = Ephemeris.load(), np.random.default_rng(3), 60
+def test_the_least_perigee_of_what_circles_is_just_below_that_of_flown_orbits() -> None:
+    """A hundred days with every force, from the ground to half way to the Moon; some are brought down by it.
+
+    A bound without a flight kept those that dive from 90,000 km to 1000 km above the ground among what may fall, and
+    each of them took ten milliseconds to say that it does not.
+    """
+    ephemeris, rng, n = Ephemeris.load(), np.random.default_rng(3), 90
     forces = ForceModel(ephemeris=ephemeris)
     site = Telescope(name="F51", spacecraft=SITE, sigma_rad=1e-6)
     exposures = Exposures.of(EPOCH, [(site, np.array([0.0, 60.0]))], ephemeris)
     tracklet = Tracklet.of("made up", exposures, np.zeros((2, 2)), forces, Columns.none(2), None)
     gm, now = ephemeris.gm_km3_s2["earth"], np.zeros(1)
-    a, e, axes = rng.uniform(2e4, 1.4e5, n), rng.uniform(0.0, 0.7, n), rng.standard_normal((n, 2, 3))
+    perigee, highest, axes = rng.uniform(6600.0, 2e4, n), rng.uniform(2e4, 2.1e5, n), rng.standard_normal((n, 2, 3))
+    apogee = np.maximum(perigee, highest)
     x = axes[:, 0] / np.linalg.norm(axes[:, 0], axis=1)[:, None]
     y = np.cross(np.cross(x, axes[:, 1]), x)
     y = y / np.linalg.norm(y, axis=1)[:, None]
-    apogee = (a * (1.0 + e))[:, None]
-    slow = np.sqrt(gm / a * (1.0 - e) / (1.0 + e))[:, None]
+    slow = np.sqrt(2.0 * gm / (apogee + perigee) * perigee / apogee)[:, None]
     earth, sun = (ephemeris.state_km_km_s(body, tracklet.epoch, now)[0] for body in ("earth", "sun"))
-    states = np.hstack([apogee * x, slow * y]) + earth - sun
+    states = np.hstack([apogee[:, None] * x, slow * y]) + earth - sun
     least = lowest_perigee(tracklet, states, 100.0)
     stays = np.isfinite(least)
-    assert 15 < stays.sum() < 50
-    fates = fates_of_each(states[stays], tracklet.epoch, 100.0 * 86400.0, forces, "earth", 1e9, 1e-8)
-    assert not fates.impact.any()
-    assert np.all(fates.distance_km > least[stays])
-    assert np.median(fates.distance_km / least[stays]) < 3.0  # and is no mere 0
+    fates = fates_of_each(states, tracklet.epoch, 100.0 * 86400.0, forces, "earth", 1e9, 1e-8)
+    assert fates.impact.sum() > 1
+    assert not (fates.impact & stays).any()
+    assert np.all(fates.distance_km[stays] > least[stays])
+    known = apogee < 1.2e5
+    assert stays[known & ~fates.impact].mean() > 0.9
+    assert np.median((fates.distance_km - least)[stays & known]) < 800.0
 
 
 def test_no_orbit_of_an_answer_about_bound_ones_is_unbound(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
