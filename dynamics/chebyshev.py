@@ -46,12 +46,15 @@ def bodies_at(
 
 @inlined_kernel
 def _place(n: int, t: Array, start: float, length: float, records: int, u: Array, record: Array) -> None:
-    """Record of each time and place u in [-1, 1] inside it."""
+    """Record of each time and place u in [-1, 1] inside it.
+
+    The place is counted from the record's own beginning, which is exact: from that of the first one, times would be
+    rounded by how far away it is, and an orbit near a body would see it shake by what another call has asked for.
+    """
     per_record = 1.0 / length
     for l in range(n):
-        place = (t[l] - start) * per_record
-        record[l] = max(0.0, min(np.floor(place), records - 1.0))
-        u[l] = 2.0 * (place - record[l]) - 1.0
+        record[l] = max(0.0, min(np.floor((t[l] - start) * per_record), records - 1.0))
+        u[l] = 2.0 * (t[l] - (start + record[l] * length)) * per_record - 1.0
 
 
 @inlined_kernel

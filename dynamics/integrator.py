@@ -216,7 +216,7 @@ def march(
             if first:  # how long it may be, the bodies tell
                 h = sign * first_step(w, p, tolerance, clock[5])
                 if h == 0.0:
-                    status = LOW
+                    status = LOW if clock[5] > 0.0 else STALLED
                     break
                 continue
         extrapolation(n, h, h_before, w.extrapolation)

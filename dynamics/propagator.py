@@ -104,6 +104,8 @@ def propagate(
                 status, steps, tide = integrator.integrate(*fixed, *guides[leg], NO_SAMPLES, left, least_fall_s)
                 if status == integrator.LOW:
                     require_start_above(start, epoch, forces)
+                    if forces.perturber_at((start + sun)[:3], epoch) is not None:
+                        break
                     least_fall_s = 0.0
                 elif status == integrator.OFF_GRID:
                     guides = NO_GUIDES
@@ -119,7 +121,8 @@ def propagate(
                 )  # fmt: skip
             if status != integrator.OK:
                 if len(steps.rows) and solid:
-                    stub = join(legs[0], legs[1], window, 6 + len(columns) if sensitivities else 0, low)
+                    begun = 0.0 if legs[0] is None else low  # nothing is asked of the margin
+                    stub = join(legs[0], legs[1], window, 6 + len(columns) if sensitivities else 0, begun)
                     require_no_impact(make_trajectory(epoch, np.zeros(1), forces, stub, chain, False), stub.steps.tide)
                 raise _unfinished(status, forces, epoch, steps, end_s, (start + sun)[:3], tolerance, most_steps)
     nodes = grid._table.nodes if grid is not None and guides is not NO_GUIDES else None
@@ -177,7 +180,7 @@ def _checked(state_km_km_s: npt.ArrayLike, t_s: npt.ArrayLike) -> tuple[Array, A
     """State (6,), times (n,) as a new array, first and last of them; refused if they cannot be used."""
     start = np.asarray(state_km_km_s, dtype=np.float64)
     times = np.array(t_s, dtype=np.float64, ndmin=1, order="C")
-    if start.shape != (6,) or not math.isfinite(sum(map(abs, start.tolist()))):
+    if start.shape != (6,) or not all(map(math.isfinite, start.tolist())):
         raise InputError(f"state: needs six finite numbers (km, km/s), got {start}")
     if times.ndim == 1 and len(times):
         low, high = (float(times.min()), float(times.max())) if len(times) > 1 else (times.item(),) * 2

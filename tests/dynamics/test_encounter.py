@@ -491,3 +491,13 @@ def test_a_hit_from_the_night_side_is_a_hit(full_forces: ForceModel, miss_km: fl
     start = earth - sun + np.concatenate([2e6 * outward + miss_km * aside, -20.0 * outward])
     with pytest.raises(EventError, match="hits earth at about 2029-03-02T0"):
         propagate(start, epoch, [5.0 * DAY_S], full_forces, sensitivities)
+
+
+def test_an_orbit_that_falls_from_above_a_surface_hits_it_at_once(ephemeris: Ephemeris) -> None:
+    """Straight down from 1 m at 12 km/s: within a millisecond or so, and not after the first step."""
+    epoch = Epoch.parse("2030-05-01T00:00:00 TDB")
+    earth = (ephemeris.state_km_km_s("earth", epoch, 0.0) - ephemeris.state_km_km_s("sun", epoch, 0.0))[0]
+    start = earth + np.array([SURFACE_KM["earth"] + 0.001, 0.0, 0.0, -12.0, 0.0, 0.0])
+    with pytest.raises(EventError, match=r"hits earth at about 2030-05-01T00:00:00") as said:
+        propagate(start, epoch, [DAY_S], ForceModel(ephemeris=ephemeris), False)
+    assert abs(said.value.t_s) < 0.1  # type: ignore[attr-defined]

@@ -488,3 +488,24 @@ def test_an_arc_is_kept_for_the_next_call_and_never_taken_for_another(ephemeris:
     assert [(arc.low_s, arc.high_s) for arc in others] == [(-15.0, 10.0), (-16.0, 10.0), (-15.0, 11.0), (-16.0, 10.0)]
     assert not np.array_equal(others[0].sun, first.sun)
     assert len(forces._arcs) <= 4
+
+
+@pytest.mark.parametrize(
+    ("from_earth", "days"), [((7000.0, 0.0, 0.0, 0.0, 7.6, 0.0), 3.0), ((-6500.0, 1000.0, 0.0, 0.0, 13.0, 1.0), -100.0)]
+)
+def test_what_another_call_has_asked_for_does_not_change_an_orbit_near_the_earth(
+    ephemeris: Ephemeris, from_earth: tuple[float, ...], days: float
+) -> None:
+    """Bit by bit: places in an ephemeris that was cut wide for somebody else were rounded by its length.
+
+    After 60 years in one call a low orbit was metres off, and after centuries the integration stalled.
+    """
+    epoch = Epoch.parse("2025-03-01T00:00:00 TDB")
+    fresh = dataclasses.replace(ephemeris, _windows={}, _suns={}, _coverage={})
+    start = fresh.state_km_km_s("earth", epoch, 0.0)[0] - fresh.state_km_km_s("sun", epoch, 0.0)[0] + from_earth
+    alone = propagate(start, epoch, [days * DAY_S], ForceModel(ephemeris=fresh, asteroids=False), False)
+    belt = np.array([4.0e8, 0.0, 0.0, 0.0, 18.0, 0.0])
+    years = np.array([-30.0, 30.0]) * YEAR_S
+    propagate(belt, epoch, years, ForceModel(ephemeris=fresh, asteroids=False), False)
+    after = propagate(start, epoch, [days * DAY_S], ForceModel(ephemeris=fresh, asteroids=False), False)
+    assert np.array_equal(alone.state, after.state)
