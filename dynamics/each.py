@@ -10,12 +10,12 @@ import numpy.typing as npt
 from nebosvod.dynamics import integrator
 from nebosvod.dynamics.dense import join
 from nebosvod.dynamics.fates import Fates
-from nebosvod.dynamics.flock import LOW, NO_COLUMNS, STOP
+from nebosvod.dynamics.flock import LOW, MOST_STEPS, NO_COLUMNS, STOP
 from nebosvod.dynamics.model import ForceModel, arc_of
 from nebosvod.dynamics.passages import Records, Seen, descents, nearest
 from nebosvod.dynamics.propagator import NO_GUIDES, TOLERANCE
 from nebosvod.dynamics.surface import SURFACE_KM, height_km
-from nebosvod.dynamics.watch import NEAREST, RECORD
+from nebosvod.dynamics.watch import NEAREST, RECORD, STEEP
 from nebosvod.dynamics.workspace import NO_SAMPLES, Samples, Watch
 from nebosvod.timescale import Epoch
 
@@ -87,23 +87,26 @@ def states_of_each(
 
     Notes
     -----
-    Two flights, and who comes down makes only the first, in which surfaces are looked for.
+    Who comes so deep into the field of a body that it may be low flies again, and surfaces are looked for.
     """
     end_s = float(t_s[np.argmax(np.abs(t_s))])
-    found = np.full((len(states_km_km_s), len(t_s), 6), np.nan)
+    found, deep = np.full((len(states_km_km_s), len(t_s), 6), np.nan), []
     arc = arc_of(forces, epoch, min(end_s, 0.0), max(end_s, 0.0), 0.0)
-    up = np.flatnonzero(_above_every_surface(states_km_km_s, epoch, forces, arc.sun))
-    near_km = LOW * SURFACE_KM["earth"]
-    fates = fates_of_each(states_km_km_s[up], epoch, end_s, forces, "earth", near_km, tolerance)
-    strengths = arc.physics.strength[None]
-    for k in up[~fates.impact].tolist():
-        status, steps, _ = integrator.integrate(
-            arc, states_km_km_s[k : k + 1], strengths, end_s, NO_COLUMNS, False, tolerance, *NO_GUIDES[0], NO_SAMPLES
-        )
+    strengths, ahead = arc.physics.strength[None], end_s > 0.0
+    for k in range(len(states_km_km_s)):
+        status, steps, tide = integrator.integrate(
+            arc, states_km_km_s[k : k + 1], strengths, end_s, NO_COLUMNS, False, tolerance, *NO_GUIDES[0], NO_SAMPLES,
+            most=MOST_STEPS,
+        )  # fmt: skip
         if status == integrator.OK:
-            ahead = end_s > 0.0
             table = join(None if ahead else steps, steps if ahead else None, arc.window, 0, 0.0)
             found[k] = table.evaluate(t_s, variations=False)[0]
+            deep += [k] if tide > STEEP else []
+    if deep:
+        some = states_km_km_s[deep]
+        fates = fates_of_each(some, epoch, end_s, forces, "earth", LOW * SURFACE_KM["earth"], tolerance)
+        up = _above_every_surface(some, epoch, forces, arc.sun) & ~fates.impact
+        found[np.array(deep)[~up]] = np.nan
     return found
 
 

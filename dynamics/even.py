@@ -23,7 +23,7 @@ from nebosvod.timescale import Epoch
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
 Flags = npt.NDArray[np.bool_]
-COUNTS = (1, 4, 16, 64, 256)  # of steps, tried in turn
+COUNTS = (1, 4, 16, 64)  # of steps, tried in turn; who needs more is sooner there on steps of its own
 ROOM = 16  # records of low steps for each orbit
 LONGEST_S = 5.0 * 86400.0  # of a step
 

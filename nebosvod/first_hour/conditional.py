@@ -237,6 +237,15 @@ class Conditional:
             **of_rate,
         }
 
+    def _flown(self, states: Array) -> Array:
+        """States (7 m, n, 6) at the measurements of orbits and their neighbours (m, 7, 6): these only of who flies."""
+        found = np.full((len(states), 7, len(self.tracklet), 6), np.nan)
+        found[:, 0] = self.sight.fly(states[:, 0])
+        up = np.isfinite(found[:, 0]).all(axis=(1, 2))
+        if up.any():
+            found[up, 1:] = self.sight.fly(states[up, 1:].reshape(-1, 6)).reshape(-1, 6, len(self.tracklet), 6)
+        return found.reshape(-1, len(self.tracklet), 6)
+
     def _partials(self, x: Array, u: Array) -> tuple[Seen, Array, Array]:
         """What is seen, and how it moves with the six coordinates (m, n, 2, 6) and the nuisances (m, n, 2, k)."""
         columns, m, k = self.tracklet.columns, len(x), u.shape[1]
@@ -247,7 +256,7 @@ class Conditional:
         moved = np.repeat(x[:, None], 7, axis=1)
         for j in range(6):
             moved[:, j + 1, j] += steps[:, j]
-        flown = self.sight.fly(self.states(moved.reshape(-1, 6)))
+        flown = self._flown(self.states(moved.reshape(-1, 6)).reshape(m, 7, 6))
         late = displaced = None
         if k and columns.clock.any():
             late = np.repeat(np.einsum("nk,mk->mn", columns.clock, u), 7, axis=0)

@@ -43,10 +43,10 @@ def test_orbits_from_the_moon_to_neptune_are_those_flown_one_by_one(forces: Forc
 
 
 def test_who_falls_has_states_as_long_as_two_bodies_say(forces: ForceModel) -> None:
-    """A hyperbola with a pericentre below the surface, 3 h before it: on the ground a quarter of an hour sooner."""
+    """Hyperbolas with pericentres below the surface, an hour before it: on the ground some minutes sooner."""
     gm = forces.ephemeris.gm_km3_s2["earth"]
-    rows = [kepler([0.0, q, 0.0, np.sqrt(25.0 + 2.0 * gm / q), 0.0, 0.0], [-10800.0], gm)[0] for q in (3e3, 6e3, 2e4)]
-    t_s = np.array([3600.0, 9000.0, 10790.0, 14400.0])
+    rows = [kepler([0.0, q, 0.0, np.sqrt(25.0 + 2.0 * gm / q), 0.0, 0.0], [-3600.0], gm)[0] for q in (3e3, 6e3, 2e4)]
+    t_s = np.array([1200.0, 3000.0, 3590.0, 4800.0])
     found, known = EvenSteps(EPOCH, t_s, forces).fly(about_the_earth(forces, np.array(rows)))
     assert known.all()
     up = np.isfinite(found[:, :, 0])

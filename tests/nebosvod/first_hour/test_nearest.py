@@ -1,4 +1,4 @@
-"""How near the Earth orbits come by the Sun alone: against two-body states of every hour."""
+"""How near the Earth orbits come by the Sun alone: against two-body states of every four hours."""
 
 import sys
 from pathlib import Path
@@ -17,15 +17,15 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))
 from kinds import AU, EPOCH, SITE  # type: ignore[import-not-found]
 
 
-def test_the_least_distance_is_that_of_every_hour() -> None:
-    """Ellipses of half a year, whose revolutions are taken off, an orbit like the Earth's, and a hyperbola."""
-    ephemeris, within_d = Ephemeris.load(), 300.0
+def test_the_least_distance_is_that_of_two_body_states() -> None:
+    """Ellipses of some months, whose revolutions are taken off, an orbit like the Earth's, and a hyperbola."""
+    ephemeris, within_d = Ephemeris.load(), 150.0
     site = Telescope(name="F51", spacecraft=SITE, sigma_rad=1e-6)
     exposures = Exposures.of(EPOCH, [(site, np.array([0.0, 60.0]))], ephemeris)
     tracklet = Tracklet.of(
         "made up", exposures, np.zeros((2, 2)), ForceModel(ephemeris=ephemeris), Columns.none(2), None
     )
-    t_s = np.append(np.arange(0.0, within_d * 86400.0, 3600.0), within_d * 86400.0)
+    t_s = np.append(np.arange(0.0, within_d * 86400.0, 14400.0), within_d * 86400.0)
     earth, sun = (ephemeris.state_km_km_s(body, tracklet.epoch, t_s) for body in ("earth", "sun"))
     rng = np.random.default_rng(2)
     moved = np.hstack([0.02 * AU * rng.standard_normal((6, 3)), 4.0 * rng.standard_normal((6, 3))])
@@ -39,5 +39,5 @@ def test_the_least_distance_is_that_of_every_hour() -> None:
         at = np.linalg.norm(away[:, :3], axis=1)
         k = int(at.argmin())
         r, v = away[k, :3], away[k, 3:]
-        step = np.clip(-(r @ v) / (v @ v), -3600.0, 3600.0)
+        step = np.clip(-(r @ v) / (v @ v), -14400.0, 14400.0)
         assert found == pytest.approx(np.linalg.norm(r + step * v), rel=3e-3, abs=500.0)
