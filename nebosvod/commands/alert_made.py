@@ -166,6 +166,9 @@ def of_mission(name: str, asked: Asked, say: Say) -> Answered:
     return _answered(tracklet, who, asked, say, (), [], stations, numbers)
 
 
+NOTHING_TO_SETTLE = "the probability is a bound, by the number of drawn orbits: there is nothing to settle"
+
+
 def _answered(
     tracklet: Tracklet, who: Sequence[Telescope], asked: Asked, say: Say, notices: Sequence[str],
     rejected: Sequence[dict[str, Any]], stations: Sequence[str], truth: dict[str, float] | None = None,
@@ -176,7 +179,10 @@ def _answered(
     say("laying the grid, flying the drawn orbits")
     found = alert(tracklet, asked.question, who, asked.after_s, few)
     moments = list(history(tracklet, asked.question, say, MOST_MOMENTS)) if asked.history else []
-    decisions = decide(found, who, asked.after_s, say) if asked.decide else []
+    told = found.headline.bound
+    if asked.decide and told:
+        notices.append(f"--decide: {NOTHING_TO_SETTLE}")
+    decisions = decide(found, who, asked.after_s, say) if asked.decide and not told else []
     summary = summarise(
         found, notices=notices, rejected=rejected, stations=stations, history=moments, decisions=decisions, truth=truth
     )

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 
 import click
@@ -10,13 +11,13 @@ from nebosvod.commands.alert_answer import line_of, print_alert
 from nebosvod.commands.alert_made import Answered, Asked, of_mission, of_records
 from nebosvod.commands.fit_work import SETTINGS, resolved
 from nebosvod.dynamics import Ephemeris
-from nebosvod.errors import InputError, NebosvodError, notes_of
+from nebosvod.errors import InputError, NebosvodError, OutputError, counted, notes_of
 from nebosvod.mission import FitMission, load_any
 from nebosvod.mission.reading.builtin import builtin_names
 from nebosvod.mission.slugs import slug
 from nebosvod.pipeline import objects
 from nebosvod.results.alert_folder import alert_result
-from nebosvod.results.result import json_text
+from nebosvod.results.result import OwnedFolder, json_text
 from nebosvod.scene.scene import load_ephemeris
 
 Say = Callable[[str], None]
@@ -27,9 +28,10 @@ def answer_one(
 ) -> bool:
     """Answer for one object; returns whether too little is known for an answer."""
     started = time.time()
-    found = found_for(files, designations, since, until, asked, say)
-    if asked.output is not None:
-        _publish(found, asked.output, asked.overwrite, str(files[0]), started)
+    with _folder(asked.output, asked.overwrite) as target:  # refused before anything is computed
+        found = found_for(files, designations, since, until, asked, say)
+        if target is not None:
+            _publish(found, target, str(files[0]), started)
     if asked.as_json:
         click.echo(json_text(found.summary), nl=False)
     else:
@@ -75,7 +77,7 @@ def answer_every(
     _require_no_telescopes(asked)
     mission = resolved(files, designations, since, until)
     ephemeris, parts = load_ephemeris(mission), list(objects(mission, split=True))
-    failed, summaries, noticed = False, [], set[str]()
+    failed, summaries, noticed, refused = False, [], set[str](), list[OutputError]()
     for number, records in enumerate(parts, start=1):
         name, started = records.objects[0], time.time()
         say(f"{number} of {len(parts)}: {name}")
@@ -92,21 +94,32 @@ def answer_every(
             if text not in noticed:  # what is said of many objects alike is said once
                 click.echo(f"notice: {name}: {text}", err=True)
             noticed.add(text)
-        if asked.output is not None:
-            folder = asked.output / slug(name, "object")
-            _publish(found, folder, asked.overwrite, str(files[0]), started)
         if not asked.as_json:
             click.echo(line_of(found.summary))
+        try:
+            with _folder(
+                None if asked.output is None else asked.output / slug(name, "object"), asked.overwrite
+            ) as target:
+                if target is not None:
+                    _publish(found, target, str(files[0]), started)
+        except OutputError as error:  # the others are not to wait for it
+            refused.append(error)
     if asked.as_json:
         click.echo(json_text({"objects": summaries}), nl=False)
+    if refused:
+        what = f"{len(refused)} of {counted(len(summaries), 'folder')} could not be written, the first for this reason"
+        raise OutputError(f"{what}: {refused[0]}")
     return failed
 
 
-def _publish(found: Answered, folder: Path, overwrite: bool, source: str, started: float) -> None:
-    """Write the folder of an answer."""
+def _folder(folder: Path | None, overwrite: bool) -> AbstractContextManager[OwnedFolder | None]:
+    """The folder of an answer, which is ours while it is open; None where none is wanted."""
     from nebosvod.report.pages import report_text
-    from nebosvod.results.result import OwnedFolder
 
+    return nullcontext() if folder is None else OwnedFolder(folder, report_text, overwrite=overwrite)
+
+
+def _publish(found: Answered, target: OwnedFolder, source: str, started: float) -> None:
+    """Write an answer into its folder."""
     ephemeris: Ephemeris = found.alert.tracklet.forces.ephemeris
-    with OwnedFolder(folder, report_text, overwrite=overwrite) as target:
-        target.publish(alert_result(found.summary, found.alert, ephemeris, source, started))
+    target.publish(alert_result(found.summary, found.alert, ephemeris, source, started))

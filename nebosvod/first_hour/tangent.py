@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
+FARTHEST_RAD = np.pi - 1e-6  # just before the antipode, which all sides share
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -32,9 +33,14 @@ class Tangent:
         return np.asarray(across * (np.arctan2(sine, u @ self.centre) / np.maximum(sine, 1e-15))[:, None])
 
     def back(self, plane: Array) -> Array:
-        """Unit vectors (m, 3) of points of the plane."""
-        angle = np.linalg.norm(plane, axis=1)[:, None]
-        toward = (plane[:, :1] * self.east + plane[:, 1:] * self.north) / np.maximum(angle, 1e-15)
+        """Unit vectors (m, 3) of points of the plane.
+
+        Farther out than the antipode there is nothing: a region that reaches beyond it ends there, and does not come
+        back on the other side.
+        """
+        far = np.linalg.norm(plane, axis=1)[:, None]
+        toward = (plane[:, :1] * self.east + plane[:, 1:] * self.north) / np.maximum(far, 1e-15)
+        angle = np.minimum(far, FARTHEST_RAD)
         return np.asarray(np.cos(angle) * self.centre + np.sin(angle) * toward)
 
 

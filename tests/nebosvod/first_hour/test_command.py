@@ -404,3 +404,33 @@ def test_the_head_of_the_page_tells_each_number_once(answer: Path) -> None:
     assert head.count("0.174 (0.142 to 0.208)") == 1
     assert f"{best['median']:.3g} au within a factor of 1.7" in head
     assert "probability, 95 %" not in head
+
+
+def test_a_folder_in_the_way_is_told_before_anything_is_computed_and_stops_no_night(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made = tmp_path / "la.obs80"
+    made.write_text(LA, "ascii")
+    night = tmp_path / "night"
+    (night / "2018-LA").mkdir(parents=True)
+    (night / "2018-LA" / "mine.txt").write_text("kept", "utf-8")
+    assert main(["alert", str(made), "--split", "-o", str(night), "--hours", "1"]) == 3
+    told = capsys.readouterr()
+    assert told.out.startswith("2018 LA: P 0.17")  # the answer is not lost
+    assert "1 of 1 folder could not be written" in told.err
+    assert "2018-LA: exists already and is not a run folder" in told.err
+    monkeypatch.setattr("nebosvod.commands.alert_work.found_for", lambda *_: pytest.fail("computed first"))
+    assert main(["alert", str(made), "-o", str(night / "2018-LA"), "--hours", "1"]) == 3
+    assert (night / "2018-LA" / "mine.txt").read_text("utf-8") == "kept"
+
+
+def test_nothing_is_to_settle_where_the_probability_is_a_bound(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    made = tmp_path / "la.obs80"
+    made.write_text(LA, "ascii")
+    assert main(["alert", str(made), "--within", "0.1 h", "--hours", "0.05", "--decide", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["probability"] is None
+    assert told["decisions"] == []
+    assert any(text.startswith("--decide: ") and "nothing to settle" in text for text in told["warnings"])

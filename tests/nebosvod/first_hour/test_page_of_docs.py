@@ -15,7 +15,7 @@ NUMBER = re.compile(r"-?\d+\.?\d*(?:e[-+]\d+)?")
 def test_the_worked_tracklet_gives_what_the_page_shows(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Words are the same, and the first five lines' numbers are within a tenth: libraries differ in the last draws."""
+    """Words are the same, and the first lines' numbers are within a tenth: libraries differ in the last draws."""
     text = PAGE.read_text("utf-8")
     tracklet, shown = re.findall(r"```(?:text|console)\n(.*?)```", text, re.DOTALL)[:2]
     monkeypatch.chdir(tmp_path)

@@ -74,6 +74,16 @@ def test_the_plane_about_a_mean_keeps_angles_from_it_and_comes_back() -> None:
     np.testing.assert_allclose(directions(angles(tangent.back(plane))), u, atol=1e-12)
 
 
+def test_a_region_that_reaches_beyond_the_antipode_ends_there() -> None:
+    """Half a turn out in a plane is the other side of the sphere, from wherever: it does not come back as 170 deg."""
+    tangent = Tangent.about(directions(np.radians([[205.0, 10.0]])))
+    around = np.linspace(0.0, 2.0 * np.pi, 7)
+    ring = np.radians(220.0) * np.stack([np.cos(around), np.sin(around)], axis=1)
+    assert np.degrees(np.arccos(tangent.back(ring) @ tangent.centre)).min() > 179.9
+    near = np.radians([[12.0, 170.0]])
+    assert np.degrees(tangent.onto(tangent.back(near))) == pytest.approx(np.degrees(near))
+
+
 @pytest.mark.long
 def test_made_up_impactors_end_in_the_region_of_95_percent(bodies: Ephemeris) -> None:
     """Of 60, with four to eight records each; flown by Runge and Kutta. 56 and 41 of these, of 180 171 and 133."""
