@@ -1,7 +1,7 @@
 """The answer of the first hour for records or for a mission, with everything a command line asks."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +30,7 @@ from nebosvod.results.alert_words import span
 from nebosvod.scene.material import Material
 from nebosvod.scene.prior import prior_table
 from nebosvod.scene.scene import build_scene
-from nebosvod.units import DURATION, LENGTH, quantity
+from nebosvod.units import DURATION, LENGTH, Dimension, quantity
 
 Array = npt.NDArray[np.float64]
 Say = Callable[[str], None]
@@ -75,10 +75,10 @@ class Asked:
         InputError
             If one cannot be used; names it.
         """
-        within_d = _quantity("within", within, DURATION) / 86400.0
+        within_d = _quantity("within", within, DURATION, "100 d") / 86400.0
         if not 0.0 < within_d <= LONGEST_D:
             raise InputError(f"--within: {within_d:g} d (allowed: more than 0, up to {LONGEST_D:g} d)")
-        smallest_m = 1e3 * _quantity("smallest", smallest, LENGTH)
+        smallest_m = 1e3 * _quantity("smallest", smallest, LENGTH, "0.3 m")
         if not 0.0 < smallest_m < 1e6:
             raise InputError(f"--smallest: {smallest_m:g} m (allowed: more than 0, below 1000 km)")
         if seed < 0:
@@ -92,9 +92,16 @@ class Asked:
         )  # fmt: skip
 
 
-def _quantity(option: str, text: str, dimension: Any) -> float:
+def _quantity(option: str, text: str, dimension: Dimension, example: str) -> float:
+    """A number of the command line with its unit; advice names the unit of the example, and no number that is none."""
     try:
-        return quantity(text, dimension)
+        bare = float(text)
+    except ValueError:
+        bare = 1.0
+    if not bare > 0.0:
+        raise InputError(f'--{option}: needs more than 0, with a unit (got "{text[:40]}"); for example "{example}"')
+    try:
+        return quantity(text, replace(dimension, example=example))
     except InputError as error:
         raise InputError(f"--{option}: {error}") from None
 

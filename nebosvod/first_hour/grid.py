@@ -30,6 +30,7 @@ REACH = 5.5  # sigmas of the range rate
 PER_SIGMA = 1.4  # nodes of a line
 FEWEST, MOST = 5, 16
 FINER = (2, 3, 5)  # lines to an interval
+SURELY = 0.95  # of enough nodes, below which their number is not counted where lines say so
 CLOSELY = np.linspace(-6.0, 6.0, 25)  # the same where no others are: so many that enough nodes carry the weight
 ABOUT = np.linspace(-6.0, 6.0, 13)  # sigmas of ln(range) from the best orbit, where lines are set if it is sharp
 
@@ -189,23 +190,32 @@ class _Search:
 
     def grid(self) -> Grid:
         """The grid, with more lines to an interval until enough nodes carry the weight."""
-        for lines in FINER:
-            found = self._laid(lines)
+        for most in FINER:
+            plan = self._planned(most)
+            if most < FINER[-1] and plan.expected() < SURELY * ENOUGH:
+                continue
+            found = self._laid(plan)
             if found.effective() >= ENOUGH:
                 break
         return found
 
-    def _laid(self, most: int) -> Grid:
+    def _planned(self, most: int) -> "_Plan":
         """Lines at Gauss and Legendre's points of every interval with mass, nodes likewise on every line."""
         x, low, width = self._intervals(most)
         lines = self.lines(x)
         first, share, line, weight, interval = self._nodes(lines)
+        size = weight * interval * width[line]
+        return _Plan(lines=lines, low=low, width=width, first=first, share=share, line=line, size=size)
+
+    def _laid(self, plan: "_Plan") -> Grid:
+        """The best orbits at the nodes."""
+        lines, line, first = plan.lines, plan.line, plan.first
         start = lines.coordinates[line].copy()
         shift = first - start[:, RATE]
         start[:, RATE] = first
         start[:, 2:] += shift[:, None] * lines.drift[line, -4:]
         nodes = self.conditional.solve(start, 2)
-        log = -0.5 * nodes.chi2 + nodes.log_spread + np.log(weight * interval * width[line])
+        log = -0.5 * nodes.chi2 + nodes.log_spread + np.log(plan.size)
         allowed = self.region.allows(nodes.above_km) & np.isfinite(log)
         log = np.where(allowed, log, -np.inf)
         if not allowed.any():
@@ -215,9 +225,9 @@ class _Search:
             log_mass={prior: log + log_prior(prior, nodes) for prior in self.priors},
             line=line,
             lines=lines,
-            low=low,
-            width=width,
-            share=share,
+            low=plan.low,
+            width=plan.width,
+            share=plan.share,
             conditional=self.conditional,
             region=self.region,
         )
@@ -279,6 +289,34 @@ def _begun(known: Nodes, x: Array) -> Array:
     found[:, 0] = x
     found[:, RATE] += known.rate_slope[0] * (x - known.coordinates[0, 0])
     return found
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Plan:
+    """Where the nodes of a grid are to be, before an orbit is sought in any.
+
+    Attributes
+    ----------
+    lines, low, width, share, line : as of a grid. first : (m,) range rates, km/s.
+    size : (m,) of the cells.
+    """
+
+    lines: Nodes
+    low: Array
+    width: Array
+    first: Array
+    share: Array
+    line: Rows
+    size: Array
+
+    def expected(self) -> float:
+        """How many nodes will carry the weight, by the normal distribution of the rate on each line."""
+        lines, line = self.lines, self.line
+        away = (self.first - lines.rate_centre[line]) / lines.rate_sigma[line]
+        on_line = -0.5 * lines.chi2 + lines.log_spread + log_prior(HEADLINE, lines)
+        log = on_line[line] - 0.5 * away**2 + np.log(self.size)
+        log = np.where(np.isfinite(log), log, -np.inf)
+        return float(np.exp(2.0 * logsumexp(log) - logsumexp(2.0 * log))) if np.isfinite(log).any() else ENOUGH
 
 
 def interval_of(

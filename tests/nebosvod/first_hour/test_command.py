@@ -152,7 +152,10 @@ def test_two_observations_tell_of_the_prior_alone_and_it_is_said(
     ("options", "words"),
     [
         (["--within", "100"], "--within: needs a duration with a unit"),
+        (["--within", "100"], 'try "100 d"'),
+        (["--within", "0"], "--within: needs more than 0"),
         (["--within", "-1 d"], "--within:"),
+        (["--smallest", "5"], 'try "5 m"'),
         (["--smallest", "2 kg"], "--smallest:"),
         (["--hours", "1,x"], "--hours: needs numbers"),
         (["--hours", "-1"], "--hours:"),

@@ -10,7 +10,7 @@ from nebosvod.dynamics import Ephemeris
 from nebosvod.errors import GeometryError
 from nebosvod.first_hour.conditional import Conditional
 from nebosvod.first_hour.falls import chance, fall
-from nebosvod.first_hour.grid import ENOUGH, Grid, grid_of
+from nebosvod.first_hour.grid import ENOUGH, FINER, Grid, _Search, grid_of
 from nebosvod.first_hour.region import Region
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
@@ -111,3 +111,13 @@ def test_a_region_without_orbits_is_said(bodies: Ephemeris) -> None:
     one = made(CASES[8], bodies)
     with pytest.raises(GeometryError, match="no orbit bound to the Sun"):
         grid_of(Conditional(one.tracklet), Region(nearest_au=30.0, farthest_au=40.0))
+
+
+def test_a_grid_too_coarse_is_known_without_being_laid(bodies: Ephemeris) -> None:
+    """Lines say how many nodes will carry the weight: of a normal distribution as of a ridge, to some percent."""
+    for case in CASES[:2]:
+        search = _Search(Conditional(made(case, bodies).tracklet), Region(), None)
+        search.scan()
+        for most in FINER[:2]:
+            plan = search._planned(most)
+            assert search._laid(plan).effective() == pytest.approx(plan.expected(), rel=0.03)
