@@ -322,15 +322,22 @@ class _Plan:
 def interval_of(
     region: Region, conditional: Conditional, lines: Nodes, shift: Array, which: Rows | None = None
 ) -> tuple[Array, Array]:
-    """From which to which range rate (g,) the nodes of lines lie, a `shift` (g,) of ln(range) away from them."""
+    """From which to which range rate (g,) the nodes of lines lie, a `shift` (g,) of ln(range) away from them.
+
+    Where the rate that fits best is not allowed, they reach from the limit as far as chi squared rises by REACH^2: a
+    prior that favours what is far may outweigh what is lost up to the limit.
+    """
     chosen = np.arange(len(lines)) if which is None else which
     x = lines.coordinates[chosen].copy()
     x[:, 0] += shift
     low, high = region.rates(conditional, x)
     centre = lines.rate_centre[chosen] + shift * lines.rate_slope[chosen]
     sigma = lines.rate_sigma[chosen]
-    begin, end = np.maximum(low, centre - REACH * sigma), np.minimum(high, centre + REACH * sigma)
-    return begin, end
+    below, above = (np.maximum(gap / sigma, 0.0) for gap in (low - centre, centre - high))
+    from_limit = [sigma * (np.sqrt(out**2 + REACH**2) - out) for out in (below, above)]
+    begin = np.where(above > 0.0, high - from_limit[1], centre - REACH * sigma)
+    end = np.where(below > 0.0, low + from_limit[0], centre + REACH * sigma)
+    return np.maximum(low, begin), np.minimum(high, end)
 
 
 def log_prior(prior: str, nodes: Nodes) -> Array:
