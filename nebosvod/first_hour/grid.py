@@ -27,6 +27,7 @@ ROUNDS = 40
 DEEP = 16.0  # below the largest mass, in logs, where no line is set
 THIN = 1e-4  # of the mass, below which one line stands for an interval
 REACH = 5.5  # sigmas of the range rate
+OUTSIDE = 4.0  # sigmas from what is allowed, where a best range rate is far from it
 PER_SIGMA = 1.4  # nodes of a line
 FEWEST, MOST = 5, 16
 FINER = (2, 3, 5)  # lines to an interval
@@ -324,8 +325,8 @@ def interval_of(
 ) -> tuple[Array, Array]:
     """From which to which range rate (g,) the nodes of lines lie, a `shift` (g,) of ln(range) away from them.
 
-    Where the rate that fits best is not allowed, they reach from the limit as far as chi squared rises by REACH^2: a
-    prior that favours what is far may outweigh what is lost up to the limit.
+    Where the rate that fits best is far from what is allowed, they reach from the limit as far as chi squared rises by
+    REACH^2: a prior that favours what is far may outweigh what is lost up to the limit.
     """
     chosen = np.arange(len(lines)) if which is None else which
     x = lines.coordinates[chosen].copy()
@@ -335,8 +336,8 @@ def interval_of(
     sigma = lines.rate_sigma[chosen]
     below, above = (np.maximum(gap / sigma, 0.0) for gap in (low - centre, centre - high))
     from_limit = [sigma * (np.sqrt(out**2 + REACH**2) - out) for out in (below, above)]
-    begin = np.where(above > 0.0, high - from_limit[1], centre - REACH * sigma)
-    end = np.where(below > 0.0, low + from_limit[0], centre + REACH * sigma)
+    begin = np.where(above > OUTSIDE, high - from_limit[1], centre - REACH * sigma)
+    end = np.where(below > OUTSIDE, low + from_limit[0], centre + REACH * sigma)
     return np.maximum(low, begin), np.minimum(high, end)
 
 

