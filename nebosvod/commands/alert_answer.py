@@ -7,8 +7,8 @@ from typing import Any
 import click
 
 from nebosvod.errors import counted
-from nebosvod.impacts.chance import short_words
-from nebosvod.results.alert_words import angle, arc, duration, headline
+from nebosvod.impacts.chance import row_words, short_words
+from nebosvod.results.alert_words import angle, arc, duration, headline, prior_decides
 
 Row = Mapping[str, Any]
 QUANTITIES = (
@@ -39,11 +39,13 @@ def alert_lines(summary: Row, fitted: bool = False) -> Iterator[str]:
     )
     yield headline(summary)
     others = (
-        f"{CALLED[prior]} {short_words(row)}"
+        f"{CALLED[prior]} {row_words(row)}"
         for prior, row in summary["by_prior"].items()
         if prior != summary["headline"]
     )
     yield f"  prior: {CALLED[summary['headline']]}; others: {'; '.join(others)}"
+    if prior_decides(summary["by_prior"]):
+        yield "  the prior decides: believe none of these alone"
     yield f"{summary['message'][0].upper()}{summary['message'][1:]}"
     if summary["orbit_status"] == "observable" and not fitted:
         yield "  least squares may be believed as well: nebosvod fit"
@@ -104,6 +106,8 @@ def _fields(rows: list[Row]) -> Iterator[str]:
             f"  {row['epoch_utc'][:16].replace('T', ' ')}  {row['telescope']}: RA {row['ra_deg']:.4f}, Dec "
             f"{row['dec_deg']:+.4f} deg, {angle(row['semi_major_arcsec'])} x {angle(row['semi_minor_arcsec'])}{faint}"
         )
+    if len(rows) > SHOWN:
+        yield f"  and {len(rows) - SHOWN} more (summary.json, page)"
 
 
 def _history(rows: list[Row]) -> Iterator[str]:
@@ -122,5 +126,5 @@ def _decisions(rows: list[Row]) -> Iterator[str]:
         yield (
             f"  {row['epoch_utc'][:16].replace('T', ' ')}  {row['telescope']}: settles it with chance "
             f"{row['settles']:.2f} ({row['settles_low']:.2f} to {row['settles_high']:.2f}); "
-            f"P then {spread['q16']:.2g} to {spread['q84']:.2g}, median {spread['median']:.2g}"
+            f"P then {spread['q16']:.2g} to {spread['q84']:.2g} (16 to 84 %), median {spread['median']:.2g}"
         )

@@ -33,6 +33,7 @@ def interval_words(value: float, low: float, high: float) -> str:
     if low == high:
         return chance_words(value)
     n = digits(low)
+    low = low if low >= LEAST else 0.0
     return f"{value:.{n}g} ({low:.{n}g} to {high:.{n}g})"
 
 

@@ -1,6 +1,6 @@
 """The page of a folder of `nebosvod alert`."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,40 +10,35 @@ from markupsafe import Markup
 
 from nebosvod.borders.stored import read_arrays, read_object
 from nebosvod.first_hour.tangent import Tangent, directions
-from nebosvod.impacts.chance import digits
+from nebosvod.report.alert_course import PRIORS, chance, fall_table, history_figure, history_table
 from nebosvod.report.kit.base import render
 from nebosvod.report.kit.chart import Chart
 from nebosvod.report.kit.download import csv
-from nebosvod.report.kit.plate import BLUE, GREEN, GREY, SKY, VERMILION, Plate, thin
+from nebosvod.report.kit.plate import BLUE, GREY, SKY, VERMILION, Plate, thin
 from nebosvod.report.kit.scale import Scale, linear, logarithmic
 from nebosvod.report.kit.stamp import stamp_of
 from nebosvod.report.kit.wording import moment, number
 from nebosvod.report.kit.worldmap import Corridor, maps
 from nebosvod.report.run.tables import Cell, Table
-from nebosvod.results.alert_words import angle, duration, span
+from nebosvod.results.alert_words import NOTED, angle, duration, hits_words, prior_decides, span, top_of
 from nebosvod.results.alert_words import arc as arc_words
-from nebosvod.timescale import Epoch
 
 Item = Mapping[str, Any]
 Array = npt.NDArray[np.float64]
 Arrays = Mapping[str, npt.NDArray[Any]]
-PRIORS = {
-    "uniform": ("uniform in range and rate", BLUE, "o"),
-    "cartesian": ("uniform in space and velocity", VERMILION, "s"),
-    "jeffreys": ("Jeffreys’", GREEN, "^"),
-}
 QUANTITIES = {
     "range_au": "range, au", "rate_km_s": "range rate, km/s", "a_au": "semi-major axis, au", "e": "eccentricity",
     "i_deg": "inclination, deg", "q_au": "perihelion, au", "H": "H", "diameter_m": "diameter, m",
 }  # fmt: skip
 MOST_FIELDS = 6
-PRIORS_AGREE = 0.2  # probabilities that differ by less, of 1 or of the largest, are called equal
 UNKNOWN = 100.0  # factor within which a range is, from which its ends are said
 SQUEEZED = 1.3  # how much wider a picture may become by a hundredth of the drawn orbits
 PICTURED = 0.99  # of drawn orbits, that a picture of the sky holds where the others would widen it by more
 DASHED: dict[str, Any] = {"stroke": GREY, "stroke_width": 1.0, "stroke_dasharray": "6 4"}
 LEAP = 20.0  # times the usual step of a contour
-NOTED = 1e-3  # a probability from which the verdict is a caution
+REGIONS: dict[str, dict[str, Any]] = {  # told apart in grey too
+    "95": {"stroke": SKY, "stroke_width": 1.8, "stroke_dasharray": "5 3"}, "68": {"stroke": BLUE, "stroke_width": 2.0},
+}  # fmt: skip
 
 
 def make_alert_page(folder: Path) -> str:
@@ -69,22 +64,21 @@ def make_alert_page(folder: Path) -> str:
         fields=[_field(row, arrays[f"field_psi_{k}"], k) for k, row in enumerate(fields)],
         field_table=_fields(summary["fields"]),
         corridor=_corridor(summary, arrays),
-        history=[_history(summary["history"])] if len(summary["history"]) > 1 else [],
+        fall=fall_table(summary["impact"]),
+        history=[history_figure(summary["history"])] if len(summary["history"]) > 1 else [],
+        history_table=history_table(summary["history"], summary["headline"]),
         decisions=_decisions(summary["decisions"]),
     )
 
 
-def _chance(row: Item) -> Cell:
-    """A probability with its interval, or the bound."""
-    if row["bound"]:
-        return Markup("&lt; {}").format(number(row["high"], 2))
-    n = digits(row["low"])
-    return Markup("{} ({} to {})").format(*(number(row[name], n) for name in ("probability", "low", "high")))
+def _short(row: Item) -> Cell:
+    """The same without its interval."""
+    return Markup("{}{}").format("< " if row["bound"] else "", number(top_of(row), 2))
 
 
 def _headline(summary: Item) -> Cell:
     """The answer in a line."""
-    return Markup("Probability to hit the Earth within {}: {}").format(span(summary["within_d"]), _chance(summary))
+    return Markup("Probability to hit the Earth within {}: {}").format(span(summary["within_d"]), chance(summary))
 
 
 def _tiles(summary: Item) -> list[tuple[str, Cell]]:
@@ -118,19 +112,7 @@ def _range(summary: Item) -> Cell:
 def _answers(summary: Item) -> list[tuple[str, list[Cell]]]:
     """How well the orbit is known, whether the probability may be believed, what would settle it."""
     said: list[tuple[str, list[Cell]]] = [("How accurate", [_sentence(summary["message"])])]
-    chances = [row["probability"] or 0.0 for row in summary["by_prior"].values()]
-    low, high = min(chances), max(chances)
-    if summary["bound"]:
-        hits = summary["hits"]
-        why = f"{hits} drawn orbits hit, and weigh next to nothing" if hits else "no drawn orbit hits"
-        said.append(("Can it be believed", [f"It is a bound (95 %) and no estimate: {why}."]))
-    elif high > 0.0:
-        apart = high - low > PRIORS_AGREE and low < (1.0 - PRIORS_AGREE) * high
-        told = (
-            f"With caution: the prior decides, from {number(low, 2)} to {number(high, 2)}" if apart
-            else "Yes, as far as the stated noise holds: it hardly depends on the prior"
-        )  # fmt: skip
-        said.append(("Can it be believed", [f"{told}.", "With a few more observations the priors agree."]))
+    said.append(("Can it be believed", list(_belief(summary))))
     best = max(summary["decisions"], key=lambda row: row["settles"], default=None)
     if best is not None:
         said.append(("What would help", [
@@ -146,6 +128,21 @@ def _answers(summary: Item) -> list[tuple[str, list[Cell]]]:
                 moment(first["epoch_utc"]))
         ]))  # fmt: skip
     return said
+
+
+def _belief(summary: Item) -> Iterator[Cell]:
+    """Whether the probability may be believed."""
+    bound = summary["bound"]
+    if bound:
+        yield f"It is a bound (95 %) and no estimate: {hits_words(summary['hits'])}."
+    if prior_decides(summary["by_prior"]):
+        order = sorted(summary["by_prior"].values(), key=top_of)
+        low, high = order[0], next(row for row in reversed(order) if not row["bound"])
+        caution = "The" if bound else "With caution: the"
+        yield Markup("{} prior decides, from {} to {}.").format(caution, _short(low), _short(high))
+        yield "More observations bring the priors together."
+    elif not bound:
+        yield "Yes, as far as the stated noise holds: it hardly depends on the prior."
 
 
 def _sentence(text: str) -> str:
@@ -208,7 +205,7 @@ def _inside(x: Array, y: Array, across: Scale, up: Scale) -> npt.NDArray[np.bool
 
 def _chances(summary: Item) -> Table:
     """Probabilities by prior."""
-    rows = tuple((PRIORS[prior][0], _chance(row), str(row["hits"])) for prior, row in summary["by_prior"].items())
+    rows = tuple((PRIORS[prior][0], chance(row), str(row["hits"])) for prior, row in summary["by_prior"].items())
     return Table(
         caption=Markup("Probability of impact by prior, with its 95 % interval."),
         head=("prior", "probability", "drawn hits"), rows=rows, align="lrr",
@@ -309,57 +306,33 @@ def _fields(rows: Sequence[Item]) -> Table | None:
         for row in rows
     )  # fmt: skip
     head = ("UTC", "from", "RA, deg", "Dec, deg", "spread, 1σ", "V")
-    return Table(caption=Markup("Mean place of the drawn orbits, ICRF."), head=head, rows=body, align="llrrrr")
+    told = "Mean place of the drawn orbits, ICRF."
+    if len(rows) > MOST_FIELDS:
+        told += f" The first {MOST_FIELDS} of {len(rows)} are drawn."
+    return Table(caption=Markup(told), head=head, rows=body, align="llrrrr")
 
 
 def _corridor(summary: Item, arrays: Arrays) -> list[Plate]:
     """Maps of the points of fall."""
     if summary["impact"] is None:
         return []
-    edges = [np.array(edge) for share in ("68", "95") for edge in summary["impact"]["contours_deg"][share]]
-    one = Corridor(
-        name="end of a drawn orbit",
-        points=arrays["fall_place_deg"],
-        outlines=edges,
-        outlines_name="68 and 95 % of them",
-    )
+    contours = summary["impact"]["contours_deg"]
+    regions = [
+        Corridor(
+            name=f"region of {share} %",
+            points=np.empty((0, 2)),
+            outlines=[np.array(edge) for edge in contours[share]],
+            outlines_name=f"{share} % of them",
+            outline_look=look,
+        )
+        for share, look in REGIONS.items()
+    ]
     return maps(
         "fall",
-        [one],
+        [*regions, Corridor(name="end of a drawn orbit", points=arrays["fall_place_deg"])],
         "Where it may fall",
         Markup("Drawn orbits that hit the Earth, where they end: at a height drawn between the ground and 50 km."),
     )
-
-
-def _history(rows: Sequence[Item]) -> Plate:
-    """Probabilities after each observation."""
-    start = Epoch.parse(rows[0]["epoch_utc"])
-    t = np.array([Epoch.parse(row["epoch_utc"]) - start for row in rows]) / 3600.0
-    chart = Chart("chances-by-time", height=300.0)
-    panel = chart.panel(
-        linear(t, f"h after {rows[0]['epoch_utc'][:16].replace('T', ' ')} UTC"),
-        linear([0.0, 1.0], "probability of impact"),
-        top=8.0,
-        bottom=225.0,
-    )
-    panel.open()
-    columns: dict[str, Any] = {
-        "epoch_utc": [row["epoch_utc"] for row in rows],
-        "observations": [row["n_observations"] for row in rows],
-    }
-    for prior, (name, color, marker) in PRIORS.items():
-        known = [k for k, row in enumerate(rows) if prior in row["chances"]]
-        p = np.array([rows[k]["chances"][prior]["probability"] or 0.0 for k in known])
-        panel.line(t[known], p, name, stroke=color, stroke_width=1.4)
-        panel.dots(t[known], p, marker, name, color=color, size=3.0)
-        columns[prior] = [row["chances"][prior]["probability"] if prior in row["chances"] else None for row in rows]
-    panel.close()
-    entries: list[tuple[str, str, dict[str, Any]]] = [
-        (marker, name, {"color": color, "size": 3.0}) for name, color, marker in PRIORS.values()
-    ]
-    chart.height = chart.legend(entries, 267.0) + 4.0
-    caption = Markup("Probability of impact after each observation, by prior.")
-    return chart.plate("Probability of impact by time", caption, [csv("history", columns)])
 
 
 def _decisions(rows: Sequence[Item]) -> Table | None:

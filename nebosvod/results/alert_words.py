@@ -3,18 +3,44 @@
 from collections.abc import Mapping
 from typing import Any
 
+from nebosvod.errors import counted
 from nebosvod.impacts.chance import interval_words
+
+APART = 0.2  # a difference between probabilities of two priors that is told
+APART_FACTOR = 3.0  # a ratio that is
+NOTED = 1e-3  # below it a ratio is not
 
 
 def headline(summary: Mapping[str, Any]) -> str:
     """The answer in a line."""
     days = f"within {span(summary['within_d'])}"
     if summary["bound"]:
-        hits = summary["hits"]
-        said = f"{hits} drawn orbits hit, and weigh next to nothing" if hits else "no drawn orbit hits"
-        return f"Probability to hit the Earth {days}: below {summary['high']:.2g} (95 %); {said}"
+        return f"Probability to hit the Earth {days}: below {summary['high']:.2g} (95 %); {hits_words(summary['hits'])}"
     told = interval_words(*(summary[name] for name in ("probability", "low", "high")))
     return f"Probability to hit the Earth {days}: {told}"
+
+
+def hits_words(hits: int) -> str:
+    """Why a probability is a bound."""
+    if not hits:
+        return "no drawn orbit hits"
+    return f"{counted(hits, 'drawn orbit')} {'hits, and weighs' if hits == 1 else 'hit, and weigh'} next to nothing"
+
+
+def prior_decides(by_prior: Mapping[str, Mapping[str, Any]]) -> bool:
+    """Whether probabilities by prior differ by 0.2, or by a factor of 3 where one is above 0.001.
+
+    Of a bound it is known that it is below: it differs from what is that much above it.
+    """
+    known = [row["probability"] for row in by_prior.values() if not row["bound"]]
+    high = max(known, default=0.0)
+    low = min((top_of(row) for row in by_prior.values()), default=0.0)
+    return bool(high - low > APART or (high > NOTED and high > APART_FACTOR * low))
+
+
+def top_of(row: Mapping[str, Any]) -> float:
+    """A probability, or the bound that it is below."""
+    return float(row["high"] if row["bound"] else row["probability"])
 
 
 def span(days: float) -> str:

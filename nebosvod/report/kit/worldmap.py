@@ -5,8 +5,8 @@ that nothing is torn. Longitude and latitude are geodetic.
 """
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -41,7 +41,7 @@ class Corridor:
     name : for the legend.
     points : (n, 2) longitude and latitude of drawn orbits, deg; may be empty.
     nominal : longitude and latitude of the orbit itself; None where it does not come down.
-    outlines : closed lines (m, 2) around the ellipses, outermost last, with their name.
+    outlines : closed lines (m, 2) around the ellipses, outermost last, with their name and look.
     look : marker and colour of the points.
     """
 
@@ -50,6 +50,7 @@ class Corridor:
     nominal: tuple[float, float] | None = None
     outlines: Sequence[Array] = ()
     outlines_name: str = ""
+    outline_look: Mapping[str, Any] = field(default_factory=lambda: {"stroke": BLUE, "stroke_width": 1.6})
     marker: str = "o"
     color: str = VERMILION
 
@@ -154,7 +155,7 @@ def _corridor(panel: Panel, one: Corridor, centre: float) -> None:
     """Ellipses, points and the nominal place of one corridor."""
     for outline in one.outlines:
         x, y = _unbroken(outline, centre)
-        panel.line(x, y, stroke=BLUE, stroke_width=1.6)
+        panel.line(x, y, **one.outline_look)
     points = np.asarray(one.points).reshape(-1, 2)[thin(len(one.points))]
     if len(points):
         panel.dots(
@@ -206,8 +207,8 @@ def _entries(corridors: Sequence[Corridor]) -> list[tuple[str, str, dict[str, An
     for one in corridors:
         if len(one.points):
             found.append((one.marker, one.name, {"color": one.color, "size": 3.0}))
-    names = [one.outlines_name for one in corridors if len(one.outlines)]
-    found += [("line", name, {"stroke": BLUE, "stroke_width": 1.6}) for name in dict.fromkeys(names)]
+    looks = {one.outlines_name: dict(one.outline_look) for one in corridors if len(one.outlines)}
+    found += [("line", name, look) for name, look in looks.items()]
     if any(one.nominal is not None for one in corridors):
         found.append(("P", "nominal orbit", {"color": INK}))
     return found

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from nebosvod.cli import main
+from nebosvod.commands.alert_answer import alert_lines
 from nebosvod.report.alert_page import make_alert_page
 from nebosvod.results.folder import SCHEMAS
 from nebosvod.timescale import Epoch
@@ -438,3 +439,40 @@ def test_nothing_is_to_settle_where_the_probability_is_a_bound(
     assert told["probability"] is None
     assert told["decisions"] == []
     assert any(text.startswith("--decide: ") and "nothing to settle" in text for text in told["warnings"])
+
+
+def test_bounds_regions_and_the_course_are_told_in_numbers(answer: Path, tmp_path: Path) -> None:
+    """A prior's bound is no 0, the place of fall is a table, intervals stand over decades, what is left out is said."""
+    folder = tmp_path / "out"
+    shutil.copytree(answer, folder)
+    summary = summary_of(folder)
+    summary["by_prior"]["cartesian"] |= {"probability": None, "low": 0.0, "high": 1.1e-4, "bound": True}
+    summary["history"] = [
+        {
+            "n_observations": n, "epoch_utc": f"2018-06-02T08:{15 + n}:00 UTC", "effective_nodes": 50.0,
+            "sigma_log_range": 0.5, "range_au": 0.004, "chances": summary["by_prior"],
+            "corridor": summary["impact"] if n == 4 else None,
+        }
+        for n in (3, 4)
+    ]  # fmt: skip
+    summary["decisions"] = []
+    summary["fields"] = 5 * summary["fields"]
+    (folder / "summary.json").write_text(json.dumps(summary))
+    with np.load(folder / "arrays.npz") as stored:
+        arrays = dict(stored)
+    np.savez(folder / "arrays.npz", **arrays, **{f"field_psi_{k}": arrays["field_psi_0"] for k in range(3, 15)})
+    page = make_alert_page(folder)
+    assert "the prior decides, from &lt; 1.1" in page
+    assert "from 0 to" not in page
+    place = page.split('id="table-fall"')[1].split("</table>")[0]
+    assert f"{summary['impact']['longitude_deg']['median']:.2f}" in place
+    for share in (68, 95):
+        assert f"{share} % of them" in page
+    assert 'data-y="log ' in page.split('id="chances-by-time"')[1].split("</svg>")[0]
+    course = page.split('id="table-history"')[1].split("</table>")[0]
+    assert f"{summary['impact']['longitude_deg']['q025']:.2f} to" in course
+    assert "The first 6 of 15 are drawn." in page
+    said = "\n".join(alert_lines(summary))
+    assert "and 3 more (summary.json, page)" in said
+    assert "the prior decides" in said
+    assert "uniform in space and velocity < 0.00011 (95 %)" in said
