@@ -7,7 +7,7 @@ from typing import Any
 import click
 
 from nebosvod.errors import counted
-from nebosvod.impacts.chance import row_words, short_words
+from nebosvod.impacts.chance import short_words
 from nebosvod.results.alert_words import angle, arc, duration, headline, prior_decides
 
 Row = Mapping[str, Any]
@@ -39,7 +39,7 @@ def alert_lines(summary: Row, fitted: bool = False) -> Iterator[str]:
     )
     yield headline(summary)
     others = (
-        f"{CALLED[prior]} {row_words(row)}"
+        f"{CALLED[prior]} {short_words(row)}"
         for prior, row in summary["by_prior"].items()
         if prior != summary["headline"]
     )

@@ -475,4 +475,4 @@ def test_bounds_regions_and_the_course_are_told_in_numbers(answer: Path, tmp_pat
     said = "\n".join(alert_lines(summary))
     assert "and 3 more (summary.json, page)" in said
     assert "the prior decides" in said
-    assert "uniform in space and velocity < 0.00011 (95 %)" in said
+    assert "uniform in space and velocity < 0.00011" in said
