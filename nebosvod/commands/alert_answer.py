@@ -8,7 +8,16 @@ import click
 
 from nebosvod.errors import counted
 from nebosvod.impacts.chance import short_words
-from nebosvod.results.alert_words import angle, arc, duration, headline, prior_decides
+from nebosvod.results.alert_words import (
+    angle,
+    arc,
+    duration,
+    first_visible,
+    headline,
+    none_visible,
+    prior_decides,
+    sight,
+)
 
 Row = Mapping[str, Any]
 QUANTITIES = (
@@ -60,7 +69,7 @@ def alert_lines(summary: Row, fitted: bool = False) -> Iterator[str]:
         f"{name.replace('_', ' ')} {value:.2g}" for name, value in summary["scores"].items() if value > 5e-4
     )
     yield f"scores of classes (no probabilities): {told}"
-    yield from _fields(summary["fields"])
+    yield from _fields(summary)
     yield from _history(summary["history"])
     yield from _decisions(summary["decisions"])
     grid = summary["grid"]
@@ -97,7 +106,8 @@ def _fall(fall: Row | None) -> Iterator[str]:
     )
 
 
-def _fields(rows: list[Row]) -> Iterator[str]:
+def _fields(summary: Row) -> Iterator[str]:
+    rows: list[Row] = summary["fields"]
     if rows:
         yield "\nwhere to look next (mean of the drawn orbits, 1 sigma semi-axes):"
     for row in rows[:SHOWN]:
@@ -105,9 +115,12 @@ def _fields(rows: list[Row]) -> Iterator[str]:
         yield (
             f"  {row['epoch_utc'][:16].replace('T', ' ')}  {row['telescope']}: RA {row['ra_deg']:.4f}, Dec "
             f"{row['dec_deg']:+.4f} deg, {angle(row['semi_major_arcsec'])} x {angle(row['semi_minor_arcsec'])}{faint}"
+            f"  {sight(row)}".rstrip()
         )
     if len(rows) > SHOWN:
         yield f"  and {len(rows) - SHOWN} more (summary.json, page)"
+    if rows and first_visible(summary) is None:
+        yield f"  {none_visible(summary)}"
 
 
 def _history(rows: list[Row]) -> Iterator[str]:

@@ -15,8 +15,9 @@ from nebosvod.ephemerides.observers import GEOCENTRE, observer
 from nebosvod.errors import InputError, noting
 from nebosvod.first_hour.alert import Alert, Question, alert
 from nebosvod.first_hour.condensed import Few
-from nebosvod.first_hour.decision import decide
+from nebosvod.first_hour.decision import Decision, decide
 from nebosvod.first_hour.history import history
+from nebosvod.first_hour.look import Field
 from nebosvod.first_hour.observed import prepared, tracklet_of, with_shared, without_gross_errors
 from nebosvod.first_hour.region import Region
 from nebosvod.first_hour.simulated import simulated
@@ -34,7 +35,7 @@ from nebosvod.units import DURATION, LENGTH, Dimension, quantity
 
 Array = npt.NDArray[np.float64]
 Say = Callable[[str], None]
-LONGEST_D, MOST_HOURS, MOST_MOMENTS = 3650.0, 50, 40
+LONGEST_D, MOST_HOURS, MOST_MOMENTS, MOST_TOLD = 3650.0, 50, 40, 3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -144,20 +145,38 @@ def of_records(records: Astrometry, mission: FitMission, ephemeris: Ephemeris, a
         whole = tracklet_of(material, records, shared)
         tracklet, kept, few = without_gross_errors(whole, asked.question.region, shared)
         who = asked.sites or (_last_observer(material),)
+        moved = () if asked.sites else _without_place(material)
         left = np.setdiff1d(np.arange(len(whole)), kept).tolist()
         rejected = [{
             "utc": str(material.astrometry.utc[k]), "station": str(material.astrometry.station[k]),
             "file": str(material.astrometry.path[k]), "line": int(material.astrometry.line[k]),
         } for k in left]  # fmt: skip
         stations = list(dict.fromkeys(material.astrometry.station.tolist()))
-        return _answered(tracklet, who, asked, say, material.notices, rejected, stations, few=few)
+        return _answered(tracklet, who, asked, say, (*material.notices, *moved), rejected, stations, few=few)
 
 
 def _last_observer(material: Material) -> Telescope:
     """Who observed last, where that place is known in the hours to come; else the Earth's centre."""
-    code = str(material.astrometry.station[int(np.argmax(material.astrometry.t_s))])
-    fixed = obscodes.known(code) and not obscodes.needs_position(code)
+    code, fixed = _last_code(material)
     return observer(code if fixed else GEOCENTRE)
+
+
+def _last_code(material: Material) -> tuple[str, bool]:
+    """The code of who observed last, and whether it has a fixed place."""
+    code = str(material.astrometry.station[int(np.argmax(material.astrometry.t_s))])
+    return code, obscodes.known(code) and not obscodes.needs_position(code)
+
+
+def _without_place(material: Material) -> tuple[str, ...]:
+    """That where to look next is told of the Earth's centre, for nobody knows where who observed last will be."""
+    code, fixed = _last_code(material)
+    if fixed:
+        return ()
+    called = obscodes.described(code) if obscodes.known(code) else code
+    return (
+        f"where to look next is told from the Earth's centre ({GEOCENTRE}): {called} observed last, and where it will "
+        "be is not known; give its trajectory as --from-site FILE.oem or FILE.bsp",
+    )
 
 
 def of_mission(name: str, asked: Asked, say: Say) -> Answered:
@@ -189,11 +208,25 @@ def _answered(
     told = found.headline.bound
     if asked.decide and told:
         notices.append(f"--decide: {NOTHING_TO_SETTLE}")
-    decisions = decide(found, who, asked.after_s, say) if asked.decide and not told else []
+    decisions: list[Decision] = []
+    if asked.decide and not told:
+        lost = [one for one in found.fields if one.possible.visible is False]
+        left_out = {(one.telescope, one.epoch.iso("utc", 0)) for one in lost}
+        decisions = decide(found, who, asked.after_s, say, left_out=left_out)
+        notices += _left_out(lost)
     summary = summarise(
         found, notices=notices, rejected=rejected, stations=stations, history=moments, decisions=decisions, truth=truth
     )
     return Answered(alert=found, summary=summary)
+
+
+def _left_out(fields: Sequence[Field]) -> list[str]:
+    """Which observations are not asked about, as nobody can make them."""
+    told = [
+        f"{one.telescope} {one.epoch.iso('utc', 0)[:16].replace('T', ' ')} ({', '.join(one.possible.reasons)})"
+        for one in fields[:MOST_TOLD]
+    ] + ([f"and {len(fields) - MOST_TOLD} more"] if len(fields) > MOST_TOLD else [])
+    return [f"--decide: left out, as it cannot be observed then: {'; '.join(told)}"] if told else []
 
 
 def _beyond(tracklet: Tracklet, asked: Asked) -> list[str]:

@@ -17,10 +17,12 @@ from nebosvod.first_hour.falls import WITHIN_D, Chance, Falls, chance, fall
 from nebosvod.first_hour.grid import ENOUGH, HEADLINE, Grid
 from nebosvod.first_hour.look import Field, fields_of
 from nebosvod.first_hour.nights import grid_of_all
+from nebosvod.first_hour.possible import next_possible
 from nebosvod.first_hour.posterior import Numbers, numbers
 from nebosvod.first_hour.region import Region
 from nebosvod.first_hour.tracklet import Tracklet
 from nebosvod.observation import Telescope
+from nebosvod.timescale import Epoch
 
 Array = npt.NDArray[np.float64]
 KNOWN = 0.1  # sigma of ln(range), below which least squares may be believed as well
@@ -53,6 +55,7 @@ class Alert:
     numbers : elements and sizes of the drawn orbits.
     corridor : where they come down; None where none does.
     fields : where to look next.
+    ahead : where none of the fields can be seen, who can first after the last record, and when; None: nobody.
     """
 
     tracklet: Tracklet
@@ -64,6 +67,7 @@ class Alert:
     numbers: Numbers
     corridor: Corridor | None
     fields: Sequence[Field]
+    ahead: tuple[str, Epoch] | None = None
 
     @property
     def draws(self) -> Draws:
@@ -121,7 +125,13 @@ def alert(
     falls = fall(grid, question.within_d, rng)
     asked = np.empty(0) if after_s is None else float(tracklet.exposures.t_s.max()) + np.asarray(after_s)
     asked = asked[asked < question.within_d * DAY_S]
-    looking = bool(telescopes) and asked.size > 0
+    place = corridor(tracklet, falls, rng)
+    fields = fields_of(tracklet, falls, telescopes, asked, rng) if telescopes and asked.size else []
+    ahead = None
+    if fields and not any(one.possible.visible is not False for one in fields):
+        span_s = float(tracklet.exposures.t_s.max()), question.within_d * DAY_S
+        spare = np.random.default_rng(np.random.SeedSequence(question.seed, spawn_key=(9,)))
+        ahead = next_possible(tracklet, falls, telescopes, span_s, spare)
     return Alert(
         tracklet=tracklet,
         question=question,
@@ -130,6 +140,7 @@ def alert(
         chances={prior: chance(grid, falls, prior) for prior in grid.priors},
         moon=chance(grid, falls, HEADLINE, "moon"),
         numbers=numbers(tracklet, falls.draws),
-        corridor=corridor(tracklet, falls, rng),
-        fields=fields_of(tracklet, falls, telescopes, asked, rng) if looking else (),
+        corridor=place,
+        fields=fields,
+        ahead=ahead,
     )

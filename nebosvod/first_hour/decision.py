@@ -1,6 +1,6 @@
 """Which observation would settle it: truths drawn, an observation simulated of each, the whole answer found again."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -57,13 +57,15 @@ class Decision:
 
 
 def decide(
-    found: Alert, telescopes: Sequence[Telescope], after_s: Array, say: Callable[[str], None], truths: int = TRUTHS
-) -> list[Decision]:
+    found: Alert, telescopes: Sequence[Telescope], after_s: Array, say: Callable[[str], None], truths: int = TRUTHS,
+    left_out: Collection[tuple[str, str]] = (),
+) -> list[Decision]:  # fmt: skip
     """Decisions for every telescope and time, s after the last measurement; the best first.
 
     Parameters
     ----------
     truths : orbits drawn of the posterior; the same for all candidates.
+    left_out : names and times (UTC to a second) of telescopes that cannot observe then.
 
     Notes
     -----
@@ -84,6 +86,8 @@ def decide(
         u = one.errors(found.draws.nuisance[rows], normal[:, 2:])
         seen, psi = one.observed(t_s, flown, u, normal[:, :2])
         for k, t in enumerate(t_s.tolist()):
+            if (telescope.name, (tracklet.epoch + t).iso("utc", 0)) in left_out:
+                continue
             say(f"one more observation by {telescope.name}, {(tracklet.epoch + t).iso('utc', 0)}")
             outcomes = [_after(found, one, seen.select(np.array([k])), psi[j, k]) for j in range(truths)]
             alive = np.array([one for one in outcomes if one is not None])

@@ -8,6 +8,7 @@ import numpy.typing as npt
 
 from nebosvod.first_hour.contour import contours
 from nebosvod.first_hour.falls import Falls
+from nebosvod.first_hour.possible import Possible, of_mean
 from nebosvod.first_hour.region import faintness, magnitudes_of
 from nebosvod.first_hour.sight import lines, until
 from nebosvod.first_hour.tangent import Tangent, angles
@@ -33,6 +34,7 @@ class Field:
     contours : by share, closed lines (k, 2) RA and Dec, rad, that hold so much of the probability.
     magnitude : median V; None without a magnitude.
     fallen : share of the orbits that have come down before.
+    possible : whether the telescope can see the middle.
     """
 
     telescope: str
@@ -43,6 +45,7 @@ class Field:
     contours: dict[str, list[Array]]
     magnitude: float | None
     fallen: float
+    possible: Possible
 
 
 def fields_of(
@@ -57,12 +60,16 @@ def fields_of(
     found = []
     for telescope in telescopes:
         observer = telescope.spacecraft.state_km_km_s(ephemeris, tracklet.epoch, t_s)
-        line, _ = lines(Exposures.at(tracklet.epoch, t_s, observer, ephemeris), flown)
+        seen = Exposures.at(tracklet.epoch, t_s, observer, ephemeris)
+        line, _ = lines(seen, flown)
         for k, t in enumerate(t_s.tolist()):
             alive = np.isfinite(line[:, k]).all(axis=1)
             if alive.any():
                 magnitude = None if H is None else _magnitude(H[alive], flown[alive, k, :3], line[alive, k])
-                found.append(_field(telescope.name, tracklet.epoch + t, line[alive, k], magnitude, 1.0 - alive.mean()))
+                at, velocity = seen.select(np.array([k])), flown[alive, k, 3:]
+                sight = of_mean(telescope, at, line[alive, k], velocity, ephemeris, magnitude)
+                fallen = float(1.0 - alive.mean())
+                found.append(_field(telescope.name, tracklet.epoch + t, line[alive, k], magnitude, fallen, sight))
     return found
 
 
@@ -72,7 +79,9 @@ def _magnitude(H: Array, place: Array, line: Array) -> float:
     return float(np.median(H + faintness(r, d, angle_between(-place, -line))))
 
 
-def _field(name: str, epoch: Epoch, line: Array, magnitude: float | None, fallen: float) -> Field:
+def _field(
+    name: str, epoch: Epoch, line: Array, magnitude: float | None, fallen: float, sight: Possible
+) -> Field:  # fmt: skip
     """One field from lines of sight (m, 3)."""
     u = line / np.linalg.norm(line, axis=1)[:, None]
     tangent = Tangent.about(u)
@@ -83,5 +92,5 @@ def _field(name: str, epoch: Epoch, line: Array, magnitude: float | None, fallen
     around = {share: [angles(tangent.back(edge)) for edge in edges] for share, edges in drawn.items()}
     return Field(
         telescope=name, epoch=epoch, psi=angles(u), middle=angles(tangent.centre[None])[0], sigma_rad=sigma,
-        contours=around, magnitude=magnitude, fallen=fallen,
+        contours=around, magnitude=magnitude, fallen=fallen, possible=sight,
     )  # fmt: skip

@@ -20,7 +20,18 @@ from nebosvod.report.kit.stamp import stamp_of
 from nebosvod.report.kit.wording import moment, number
 from nebosvod.report.kit.worldmap import Corridor, maps
 from nebosvod.report.run.tables import Cell, Table
-from nebosvod.results.alert_words import NOTED, angle, duration, hits_words, prior_decides, span, top_of
+from nebosvod.results.alert_words import (
+    NOTED,
+    angle,
+    duration,
+    first_visible,
+    hits_words,
+    none_visible,
+    prior_decides,
+    sight,
+    span,
+    top_of,
+)
 from nebosvod.results.alert_words import arc as arc_words
 
 Item = Mapping[str, Any]
@@ -120,8 +131,9 @@ def _answers(summary: Item) -> list[tuple[str, list[Cell]]]:
                 best["telescope"], moment(best["epoch_utc"]),
                 *(number(best[name], 2) for name in ("settles", "settles_low", "settles_high")))
         ]))  # fmt: skip
-    elif summary["fields"]:
-        first = summary["fields"][0]
+    elif summary["fields"] and (first := first_visible(summary)) is None:
+        said.append(("What would help", [_sentence(none_visible(summary))]))
+    elif summary["fields"] and first is not None:
         said.append(("What would help", [
             Markup("One more observation: {} sees it at RA {:.3f}°, Dec {:+.3f}° ± {} (1σ), {}.").format(
                 first["telescope"], first["ra_deg"], first["dec_deg"], angle(first["semi_major_arcsec"], "°"),
@@ -301,15 +313,15 @@ def _fields(rows: Sequence[Item]) -> Table | None:
         (
             row["epoch_utc"][:16].replace("T", " "), row["telescope"], f"{row['ra_deg']:.4f}", f"{row['dec_deg']:.4f}",
             f"{angle(row['semi_major_arcsec'], '°')} × {angle(row['semi_minor_arcsec'], '°')}",
-            "–" if row["V"] is None else f"{row['V']:.1f}",
+            "–" if row["V"] is None else f"{row['V']:.1f}", sight(row) or "–",
         )
         for row in rows
     )  # fmt: skip
-    head = ("UTC", "from", "RA, deg", "Dec, deg", "spread, 1σ", "V")
+    head = ("UTC", "from", "RA, deg", "Dec, deg", "spread, 1σ", "V", "seen")
     told = "Mean place of the drawn orbits, ICRF."
     if len(rows) > MOST_FIELDS:
         told += f" The first {MOST_FIELDS} of {len(rows)} are drawn."
-    return Table(caption=Markup(told), head=head, rows=body, align="llrrrr")
+    return Table(caption=Markup(told), head=head, rows=body, align="llrrrrl")
 
 
 def _corridor(summary: Item, arrays: Arrays) -> list[Plate]:

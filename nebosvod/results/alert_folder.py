@@ -14,11 +14,12 @@ from nebosvod.first_hour.falls import Chance, epoch_of
 from nebosvod.first_hour.grid import ENOUGH, HEADLINE
 from nebosvod.first_hour.history import Moment
 from nebosvod.first_hour.look import Field
+from nebosvod.first_hour.possible import Possible
 from nebosvod.first_hour.posterior import LEVELS, boxes, levels_of, quantiles, scores
 from nebosvod.results import orbit_folder
 from nebosvod.results.orbit_folder import SCHEMA_VERSION, columns
 from nebosvod.results.result import Result
-from nebosvod.units import ARCSEC
+from nebosvod.units import ARCSEC, DEG
 
 KIND = "alert"
 CIRCLING = 0.1  # share of orbits bound to the Earth from which it is said
@@ -77,7 +78,19 @@ def field_row(one: Field) -> Row:
         "semi_minor_arcsec": float(one.sigma_rad[1] / ARCSEC),
         "V": one.magnitude,
         "fallen": one.fallen,
+        **sight_row(one.possible),
         "contours_deg": {share: [np.degrees(edge).tolist() for edge in edges] for share, edges in one.contours.items()},
+    }
+
+
+def sight_row(one: Possible) -> Row:
+    """Whether a telescope can look there."""
+    return {
+        "altitude_deg": None if one.altitude_rad is None else one.altitude_rad / DEG,
+        "sun_altitude_deg": None if one.sun_altitude_rad is None else one.sun_altitude_rad / DEG,
+        "elongation_deg": one.elongation_rad / DEG,
+        "visible": one.visible,
+        "not_seen": ", ".join(one.reasons) or None,
     }
 
 
@@ -94,8 +107,12 @@ def moment_row(one: Moment) -> Row:
     }
 
 
-def decision_row(one: Decision) -> Row:
-    """What an observation would do to the probability."""
+def decision_row(one: Decision, fields: Sequence[Field]) -> Row:
+    """What an observation would do to the probability, and whether it can be made."""
+    when = one.epoch.iso("utc", 0)
+    sights = [
+        field.possible for field in fields if (field.telescope, field.epoch.iso("utc", 0)) == (one.telescope, when)
+    ]
     return {
         "telescope": one.telescope,
         "epoch_utc": one.epoch.iso("utc", 0),
@@ -107,6 +124,7 @@ def decision_row(one: Decision) -> Row:
         "settles": one.settles,
         "settles_low": one.interval[0],
         "settles_high": one.interval[1],
+        "visible": sights[0].visible if sights else None,
     }
 
 
@@ -152,7 +170,7 @@ def summarise(
     tracklet, w = found.tracklet, found.draws.weight()
     t_s = tracklet.exposures.t_s
     moon = found.moon
-    equal = found.equivalent
+    equal, ahead = found.equivalent, found.ahead
     return {
         "schema_version": SCHEMA_VERSION,
         "kind": KIND,
@@ -192,8 +210,9 @@ def summarise(
         },
         "equivalent": {"y": equal.y.tolist(), "H": equal.H.tolist(), "R": equal.R.tolist()},
         "fields": [field_row(one) for one in found.fields],
+        "next_visible": None if ahead is None else {"telescope": ahead[0], "epoch_utc": ahead[1].iso("utc", 0)},
         "history": [moment_row(one) for one in history],
-        "decisions": [decision_row(one) for one in decisions],
+        "decisions": [decision_row(one, found.fields) for one in decisions],
         "truth": truth,
         "ended": None,
         "warnings": _warnings(found, notices),

@@ -9,6 +9,7 @@ from nebosvod.impacts.chance import interval_words
 APART = 0.2  # a difference between probabilities of two priors that is told
 APART_FACTOR = 3.0  # a ratio that is
 NOTED = 1e-3  # below it a ratio is not
+Row = Mapping[str, Any]
 
 
 def headline(summary: Mapping[str, Any]) -> str:
@@ -68,6 +69,31 @@ def angle(arcsec: float, degrees: str = " deg") -> str:
     if arcsec < 99.5:
         return f"{_two(arcsec)} arcsec"
     return f"{_two(arcsec / 60.0)} arcmin" if arcsec < 3570.0 else f"{_two(arcsec / 3600.0)}{degrees}"
+
+
+def sight(row: Row) -> str:
+    """Whether a field can be seen, in a word or two; empty of a folder that does not say."""
+    if row.get("visible", True) is False:
+        return f"not possible: {row['not_seen']}"
+    if row.get("altitude_deg") is not None:
+        return f"{row['altitude_deg']:.0f} deg high"
+    return f"{row['elongation_deg']:.0f} deg from the Sun" if "elongation_deg" in row else ""
+
+
+def first_visible(summary: Row) -> Row | None:
+    """The first of the fields that can be seen."""
+    return next((row for row in summary["fields"] if row.get("visible", True) is not False), None)
+
+
+def none_visible(summary: Row) -> str:
+    """That none of the fields can be seen, and who can look next."""
+    fields, then = summary["fields"], summary.get("next_visible")
+    why = ", ".join(dict.fromkeys(word for row in fields for word in row["not_seen"].split(", ")))
+    later = (
+        f"the first chance is {then['telescope']} from about {then['epoch_utc'][:16].replace('T', ' ')} UTC on" if then
+        else f"nor within {span(min(3.0, summary['within_d']))} after the last observation"
+    )  # fmt: skip
+    return f"at none of the times asked for can it be observed ({why}); {later}"
 
 
 def _two(value: float) -> str:

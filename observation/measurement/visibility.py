@@ -14,6 +14,7 @@ from nebosvod.observation.measurement.direction import angle_between
 from nebosvod.observation.measurement.photometry import apparent_magnitude, trailing_loss
 from nebosvod.observation.measurement.sight import Sight, sight
 from nebosvod.observation.measurement.telescope import Telescope
+from nebosvod.timescale import Epoch
 
 Mask = npt.NDArray[np.bool_]
 HALF_A_DEGREE = 0.5 * np.pi / 180.0  # rad
@@ -110,10 +111,17 @@ def visibility(
     without an exclusion angle.
     """
     line = sight(trajectory, telescope.spacecraft, np.asarray(t_s, dtype=np.float64), ephemeris)
-    sun_angle, _, sun_hides = _angles("sun", line, trajectory, ephemeris)
-    _, earth_limb, earth_hides = _angles("earth", line, trajectory, ephemeris)
-    _, moon_limb, moon_hides = _angles("moon", line, trajectory, ephemeris)
-    altitude, sun_altitude = _altitudes(telescope, line, trajectory, ephemeris)
+    return visibility_along(telescope, trajectory.epoch, line, ephemeris, magnitude)
+
+
+def visibility_along(
+    telescope: Telescope, epoch: Epoch, line: Sight, ephemeris: Ephemeris, magnitude: tuple[float, float] | None = None
+) -> Visibility:
+    """The same along lines of sight that are known, whose times count from `epoch`."""
+    sun_angle, _, sun_hides = _angles("sun", line, epoch, ephemeris)
+    _, earth_limb, earth_hides = _angles("earth", line, epoch, ephemeris)
+    _, moon_limb, moon_hides = _angles("moon", line, epoch, ephemeris)
+    altitude, sun_altitude = _altitudes(telescope, line, epoch, ephemeris)
     phase = angle_between(-line.heliocentric_state[:, :3], -line.u)
     r_sun = np.linalg.norm(line.heliocentric_state[:, :3], axis=1)
     V = np.full(line.t_s.size, np.nan)
@@ -126,7 +134,7 @@ def visibility(
     limit = np.inf if telescope.limiting_magnitude is None else telescope.limiting_magnitude
     on_the_ground = bool(np.isfinite(altitude).all())
     removed = {
-        "duty": ~telescope.works(trajectory.epoch, line.t_s),
+        "duty": ~telescope.works(epoch, line.t_s),
         **({"twilight": _closer(-sun_altitude, _negative(telescope.sun_altitude_rad))} if on_the_ground else {}),
         "sun": sun_hides
         | _closer(sun_angle, telescope.exclusion_sun_rad)
@@ -181,19 +189,19 @@ def _negative(limit: float | None) -> float | None:
     return None if limit is None else -limit
 
 
-def _altitudes(telescope: Telescope, line: Sight, trajectory: Trajectory, ephemeris: Ephemeris) -> tuple[Array, Array]:
+def _altitudes(telescope: Telescope, line: Sight, epoch: Epoch, ephemeris: Ephemeris) -> tuple[Array, Array]:
     """Altitudes (n,) of the target and of the Sun at a site on the ground, nan elsewhere."""
     site = telescope.spacecraft
     if not isinstance(site, GroundSite) or not site.has_horizon:
         return np.full(line.t_s.size, np.nan), np.full(line.t_s.size, np.nan)
-    up = site.zenith(trajectory.epoch, line.t_s)
-    to_sun = ephemeris.position_km("sun", trajectory.epoch, line.t_s) - line.telescope_state[:, :3]
+    up = site.zenith(epoch, line.t_s)
+    to_sun = ephemeris.position_km("sun", epoch, line.t_s) - line.telescope_state[:, :3]
     return np.pi / 2.0 - angle_between(line.u, up), np.pi / 2.0 - angle_between(to_sun, up)
 
 
-def _angles(body: str, line: Sight, trajectory: Trajectory, ephemeris: Ephemeris) -> tuple[Array, Array, Mask]:
+def _angles(body: str, line: Sight, epoch: Epoch, ephemeris: Ephemeris) -> tuple[Array, Array, Mask]:
     """Angles (n,) from the target to the body's centre and to its limb, and whether the body hides the target."""
-    to_body = ephemeris.position_km(body, trajectory.epoch, line.t_s) - line.telescope_state[:, :3]
+    to_body = ephemeris.position_km(body, epoch, line.t_s) - line.telescope_state[:, :3]
     distance = np.linalg.norm(to_body, axis=1)
     inside = distance < 1.0  # a fictitious observer at the body's centre looks away from it and is not hidden by it
     to_body[inside], distance[inside] = -line.u[inside], np.inf

@@ -254,6 +254,11 @@ class Field(Typed):
     dec : in deg.
     semi_major : in arcsec.
     semi_minor : in arcsec.
+    altitude : of the middle above the horizon of a site, without refraction; None of other observers; deg.
+    sun_altitude : likewise of the Sun's centre; deg.
+    elongation : of the middle from the Sun; deg.
+    visible : whether the telescope can see the middle; None of the Earth's centre.
+    not_seen : every reason why not.
     contours : in deg.
     telescope : text.
     V : a number, or None.
@@ -268,7 +273,26 @@ class Field(Typed):
     semi_minor: Quantity
     V: float | None
     fallen: float
+    altitude: Quantity | None
+    sun_altitude: Quantity | None
+    elongation: Quantity | None
+    visible: bool | None
+    not_seen: str | None
     contours: Mapping[str, tuple[Quantity, ...]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+class Next(Typed):
+    """Next.
+
+    Parameters
+    ----------
+    epoch : in UTC.
+    telescope : text.
+    """
+
+    telescope: str
+    epoch: Time
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
@@ -341,6 +365,7 @@ class Decision(Typed):
     ----------
     epoch : in UTC.
     sigma : in arcsec.
+    visible : what cannot be observed is left out; None of the Earth's centre.
     telescope : text.
     n_truths : a whole number.
     quantiles : Spread.
@@ -358,6 +383,7 @@ class Decision(Typed):
     settles: float
     settles_low: float
     settles_high: float
+    visible: bool | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
@@ -392,6 +418,7 @@ class AlertSummary(Typed):
     scores : shares of the posterior; no probabilities.
     equivalent : linear measurement y = H x + v, v of covariance R, of x = ln(range/au), range rate km/s, offsets
         rad, rates rad/s at the reference epoch.
+    next_visible : where no field can be seen: who can look first after the last observation, and when.
     truth : of a simulated mission.
     schema_version, n_observations, hits : a whole number.
     kind : Literal["alert"].
@@ -452,6 +479,7 @@ class AlertSummary(Typed):
     draws: Draws
     equivalent: Equivalent
     fields: tuple[Field, ...]
+    next_visible: Next | None
     history: tuple[History, ...]
     decisions: tuple[Decision, ...]
     truth: Truth | None

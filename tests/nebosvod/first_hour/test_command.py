@@ -3,6 +3,7 @@
 import json
 import re
 import shutil
+import sys
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -10,12 +11,20 @@ from typing import Any
 import jsonschema
 import numpy as np
 import pytest
+from astropy import units as u
+from astropy.coordinates import AltAz, EarthLocation, SkyCoord, get_body
+from astropy.time import Time
 
 from nebosvod.cli import main
 from nebosvod.commands.alert_answer import alert_lines
+from nebosvod.dynamics import Ephemeris
+from nebosvod.observation.earth import obscodes
 from nebosvod.report.alert_page import make_alert_page
 from nebosvod.results.folder import SCHEMAS
 from nebosvod.timescale import Epoch
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+from kinds import KINDS, made  # type: ignore[import-not-found]
 
 # the first records of 2018 LA, which fell on Botswana the same day; MPC
 LA = """\
@@ -100,6 +109,84 @@ def test_orbits_that_will_fall_are_on_the_sky_until_they_do(answer: Path) -> Non
         assert number == round(300 * (1.0 - field["fallen"]))
     assert found["fields"][0]["fallen"] == 0.0
     assert found["fields"][2]["fallen"] > 0.01
+
+
+def judged(code: str, epoch_utc: str, ra_deg: float, dec_deg: float) -> tuple[float, float, float]:
+    """Altitudes of a direction and of the Sun, and the angle between them, deg, by astropy."""
+    longitude = float(obscodes.codes()[code]["Longitude"]) * u.deg
+    across, up = (6378.137 * part * u.km for part in obscodes.parallax(code))
+    place = EarthLocation.from_geocentric(across * np.cos(longitude), across * np.sin(longitude), up)
+    when = Time(epoch_utc.removesuffix(" UTC"), scale="utc")
+    frame, target = AltAz(obstime=when, location=place), SkyCoord(ra_deg * u.deg, dec_deg * u.deg)
+    sun = get_body("sun", when, place)
+    apart = sun.transform_to(frame).separation(target.transform_to(frame)).deg
+    return float(target.transform_to(frame).alt.deg), float(sun.transform_to(frame).alt.deg), float(apart)
+
+
+def test_where_to_look_says_whether_it_can_be_seen(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """In the night, as it sets at dawn, by day, and from the Earth's centre; altitudes by astropy."""
+    (tmp_path / "la.obs80").write_text(LA)
+    options = ["--hours", "1,3,6,24", "--from-site", "G96", "--from-site", "F51", "--from-site", "500"]
+    assert main(["alert", str(tmp_path / "la.obs80"), *options, "--json"]) == 0
+    rows = json.loads(capsys.readouterr().out)["fields"]
+    assert [row["visible"] for row in rows] == [True, *[False] * 3, *[True] * 2, *[False] * 2, *[None] * 4]
+    for row in rows[:8]:
+        ours = [row[name] for name in ("altitude_deg", "sun_altitude_deg", "elongation_deg")]
+        judge = judged(row["telescope"][:3], row["epoch_utc"], row["ra_deg"], row["dec_deg"])
+        np.testing.assert_allclose(ours, judge, atol=0.05)
+        assert row["visible"] == (judge[0] > 10.0 and judge[1] < -12.0)
+        words = (row["not_seen"] or "").split(", ")
+        assert ("daylight" in words) == (judge[1] > -0.833)
+        assert ("twilight" in words) == (-12.0 < judge[1] < -0.833)
+        assert ("below the horizon" in words) == (judge[0] < 0.0)
+        assert ("too low" in words) == (0.0 < judge[0] < 10.0)
+    assert rows[8]["altitude_deg"] is rows[8]["sun_altitude_deg"] is rows[8]["not_seen"] is None
+    assert rows[8]["elongation_deg"] == pytest.approx(167.0, abs=1.0)
+
+
+def test_what_cannot_be_seen_is_recommended_nowhere(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """At 14:36 UTC the Sun was 27 deg up at Mt Lemmon; until dawn, the object at 20 deg, it could be seen."""
+    (tmp_path / "la.obs80").write_text(LA)
+    out = tmp_path / "out"
+    assert main(["alert", str(tmp_path / "la.obs80"), "--hours", "6", "--decide", "-o", str(out)]) == 0
+    said, found = capsys.readouterr(), summary_of(out)
+    jsonschema.validate(found, json.loads(SCHEMAS["alert"].read_text("utf-8")))
+    assert found["decisions"] == []
+    assert "--decide: left out, as it cannot be observed then: G96" in said.err
+    assert "not possible: daylight, below the horizon" in said.out
+    then = found["next_visible"]
+    height, sun, _ = judged("G96", then["epoch_utc"], 242.3, -11.4)
+    assert height > 10.0
+    assert sun < -12.0
+    words = "t none of the times asked for can it be observed"
+    assert f"{words} (daylight, below the horizon); the first chance is G96" in said.out
+    head = make_alert_page(out).split('id="verdict"')[1].split("</section>")[0]
+    assert f"A{words}" in head
+    assert "sees it at" not in head
+
+
+def test_a_folder_that_does_not_say_what_can_be_seen_is_still_read(answer: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "earlier"
+    shutil.copytree(answer, folder)
+    summary = summary_of(folder)
+    del summary["next_visible"]
+    for row in summary["fields"]:
+        for name in ("altitude_deg", "sun_altitude_deg", "elongation_deg", "visible", "not_seen"):
+            del row[name]
+    (folder / "summary.json").write_text(json.dumps(summary))
+    assert main(["report", str(folder)]) == 0
+    assert "sees it at" in (folder / "report.html").read_text("utf-8")
+
+
+def test_a_spacecraft_whose_place_is_not_known_is_stood_in_for_by_the_earth_and_it_is_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    truth = made(KINDS["space telescope, main belt"], Ephemeris.load())
+    (tmp_path / "kind.psv").write_text(truth.text, "utf-8")
+    assert main(["alert", str(tmp_path / "kind.psv"), "--hours", "1"]) == 0
+    said = capsys.readouterr()
+    assert "told from the Earth's centre (500): C51" in said.err
+    assert "500 (Geocentric)" in said.out
 
 
 @pytest.mark.parametrize(
