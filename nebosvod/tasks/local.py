@@ -10,6 +10,7 @@ import os
 import signal
 import sys
 import threading
+import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
@@ -102,6 +103,11 @@ class _Pool:
         if self._broke:
             for child in children:
                 child.join(1.0)
+            until = (
+                time.monotonic() + 1.0
+            )  # the pool's own thread waits for them too, and may be about to write it down
+            while any(one.exitcode is None for one in children) and time.monotonic() < until:
+                time.sleep(0.01)
             self.exit_code = next((one.exitcode for one in children if one.exitcode not in ENDED_BY_POOL), None)
         if self._broke or self._given:
             for child in children:
